@@ -1,0 +1,78 @@
+"""Every key expression of the bus, built here and nowhere else."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import StringConstraints, TypeAdapter
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$")]
+"""A robot's id or a run's name: it becomes one chunk of a key, so it holds no separator and no wildcard."""
+
+_NAME = TypeAdapter(Name)
+
+
+@dataclass(frozen=True)
+class Keys:
+    """The keys of one run, all under ``unspoken/<run>/``.
+
+    Raises:
+        ValueError: a run's name or a robot's id could not be one chunk of a key.
+    """
+
+    run: str
+
+    def __post_init__(self) -> None:
+        """Refuse a run's name that would change the meaning of a key."""
+        _NAME.validate_python(self.run)
+
+    def pose(self, robot: str) -> str:
+        """What this robot's sensors see: world to robot."""
+        return self._of("pose", robot)
+
+    def command(self, robot: str) -> str:
+        """What this robot wants to do next: robot to world."""
+        return self._of("command", robot)
+
+    def alive(self, robot: str) -> str:
+        """This robot's liveliness token."""
+        return self._of("alive", robot)
+
+    def mind(self, robot: str) -> str:
+        """What this robot thinks: robot to bench, never to a robot."""
+        return self._of("mind", robot)
+
+    @property
+    def scene(self) -> str:
+        """What everybody may know: a queryable of the world."""
+        return f"unspoken/{self.run}/scene"
+
+    @property
+    def truth(self) -> str:
+        """True states and verdicts: world to bench."""
+        return f"unspoken/{self.run}/truth"
+
+    @property
+    def every_command(self) -> str:
+        """The world's subscription to all commands."""
+        return f"unspoken/{self.run}/command/*"
+
+    @property
+    def everyone_alive(self) -> str:
+        """The world's subscription to all liveliness tokens."""
+        return f"unspoken/{self.run}/alive/*"
+
+    @property
+    def everything(self) -> str:
+        """The recorder's subscription."""
+        return f"unspoken/{self.run}/**"
+
+    def robot_of(self, key: str) -> str:
+        """The robot named by a pose, command, alive or mind key."""
+        return key.rpartition("/")[2]
+
+    def kind_of(self, key: str) -> str:
+        """The kind of a key of this run: pose, command, alive, mind, scene or truth."""
+        return key.removeprefix(f"unspoken/{self.run}/").partition("/")[0]
+
+    def _of(self, kind: str, robot: str) -> str:
+        return f"unspoken/{self.run}/{kind}/{_NAME.validate_python(robot)}"

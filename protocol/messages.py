@@ -1,0 +1,143 @@
+"""The messages of the bus: msgpack maps with a schema version, refused on arrival unless wholly valid.
+
+All positions are in metres and all headings in radians in the one frame of the area (x to the right, y up,
+headings counter-clockwise from x, wrapped to [−π, π]); speeds are in m/s along the heading; times are in
+seconds since step 0. A step is one interval Δt: the world publishes the observation of step k, a robot
+answers it with the command of step k, which the world applies until step k + 1.
+"""
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from protocol.keys import Name
+from protocol.scene import MAX_ROBOTS, Scene
+from protocol.vehicle import Input
+
+MAX_HORIZON = 200
+
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
+Count = Annotated[int, Field(ge=0, le=2**53)]
+Seconds = Annotated[float, Field(ge=0, le=1e9)]
+Epoch = Annotated[int, Field(ge=0, lt=2**63)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class Message(_Strict):
+    """One message. Every kind states its version, so that a reader refuses what it does not know."""
+
+    VERSION: ClassVar[int] = 1
+    schema_version: Literal[1] = 1
+    epoch: Epoch
+    """Drawn anew by every world: messages of another epoch belong to another run of the world."""
+
+
+class State(_Strict):
+    """One robot's state (p_x, p_y, ψ, v) of eq. 10."""
+
+    x_m: Coordinate
+    y_m: Coordinate
+    heading_rad: Coordinate
+    speed_mps: Coordinate
+
+    def as_tuple(self) -> tuple[float, float, float, float]:
+        """(p_x, p_y, ψ, v)."""
+        return (self.x_m, self.y_m, self.heading_rad, self.speed_mps)
+
+
+Robots = Annotated[dict[Name, State], Field(max_length=MAX_ROBOTS)]
+
+
+class Observation(Message):
+    """``pose/<robot>``: what one robot's sensors see at a step, itself included."""
+
+    step: Count
+    time_s: Seconds
+    robots: Robots
+
+
+class Command(Message):
+    """``command/<robot>``: the input with which a robot answers one observation."""
+
+    robot: Name
+    step: Count
+    turn_rate_radps: Coordinate
+    acceleration_mps2: Coordinate
+
+    @property
+    def input(self) -> Input:
+        """(ω, a)."""
+        return Input(self.turn_rate_radps, self.acceleration_mps2)
+
+
+class PublicScene(Message):
+    """Reply of ``scene``: what everybody may know."""
+
+    scene: Scene
+
+
+Verdict = Literal["arrived", "collision", "deadlock", "timeout", "interrupted"]
+
+
+class TrueRobot(_Strict):
+    """One robot as the referee sees it."""
+
+    state: State
+    turn_rate_radps: Coordinate
+    acceleration_mps2: Coordinate
+    arrived_s: Seconds | None
+    driven_m: Seconds
+    deadline_misses: Count
+    clipped_commands: Count
+
+
+class Truth(Message):
+    """``truth``: true states at a step with the inputs that led there, and the referee's counts so far."""
+
+    step: Count
+    time_s: Seconds
+    robots: Annotated[dict[Name, TrueRobot], Field(max_length=MAX_ROBOTS)]
+    minimum_distance_m: Seconds | None
+    """Smallest distance of two centres so far; none with a single robot."""
+    collisions: Annotated[tuple[tuple[Name, Name], ...], Field(max_length=MAX_ROBOTS**2)]
+    """Pairs that have come closer than their bodies allow, each once."""
+    verdict: Verdict | None
+    """None while the run goes on; set on the last message of the epoch."""
+
+
+Milliseconds = Annotated[float, Field(ge=0, le=1e9)]
+Path = Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(max_length=MAX_HORIZON + 1)]
+
+
+class Timings(_Strict):
+    """Wall-clock time of the phases of one decision, in ms; a phase that did not run took none."""
+
+    estimate: Milliseconds = 0.0
+    predict: Milliseconds = 0.0
+    plan: Milliseconds = 0.0
+    decide: Milliseconds = 0.0
+
+
+Phase = Literal["predict", "plan"]
+
+
+class Mind(Message):
+    """``mind/<robot>``: what a robot thought at a step; for recording and looking, never for robots."""
+
+    robot: Name
+    step: Count
+    arrived: bool
+    estimates: Robots
+    """Estimated goal states of all robots, the ego's as the others would estimate it."""
+    prediction: Annotated[dict[Name, Path], Field(max_length=MAX_ROBOTS)]
+    """Jointly predicted positions for the present and every step of the horizon."""
+    plan: Path
+    """The ego's planned positions, from the present on."""
+    failed: Annotated[tuple[Phase, ...], Field(max_length=2)]
+    """Phases whose problem was not solved at this step."""
+    solver_failures: Count
+    """Problems not solved so far, since the robot joined this epoch."""
+    timings_ms: Timings

@@ -1,0 +1,131 @@
+"""A scenario: who drives from where to where, in which area, and what the sensors see.
+
+It holds every goal, so the world and the bench read it and robots never do.
+"""
+
+import math
+from itertools import combinations
+from typing import Annotated, Self
+
+from pydantic import BeforeValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from protocol.keys import Name
+from protocol.scene import MAX_ROBOTS, Goal, Metres, NonNegative, PublicRobot, Rules, Scene, Settings
+
+
+class Pose(Settings):
+    """A position and a heading; without a heading, the direction from start to goal."""
+
+    x_m: Metres
+    y_m: Metres
+    heading_rad: Metres | None = None
+
+
+class Sensing(Settings):
+    """What one robot's sensors see of the others; the default is perfect.
+
+    Noise is Gaussian with these standard deviations, drawn for every observer, robot and step by itself. A
+    robot always sees itself; range and dropouts concern the others.
+    """
+
+    range_m: Annotated[float, Field(gt=0)] | None = None
+    """None: unlimited."""
+    position_noise_m: NonNegative = 0.0
+    heading_noise_rad: NonNegative = 0.0
+    speed_noise_mps: NonNegative = 0.0
+    dropout: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Probability that one other robot is not seen at a step."""
+
+
+def _id_as_text(value: object) -> object:
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+class ScenarioRobot(PublicRobot):
+    """One robot: its id, its way, its body and limits, and its own sensing where it differs."""
+
+    id: Annotated[Name, BeforeValidator(_id_as_text)]
+    start: Pose
+    goal: Pose
+    sensing: Sensing | None = None
+
+    def start_state(self) -> tuple[float, float, float, float]:
+        """(p_x, p_y, ψ, v) at step 0: standing."""
+        return (self.start.x_m, self.start.y_m, self._heading(self.start), 0.0)
+
+    def goal_pose(self) -> Goal:
+        """The goal with its heading filled in."""
+        return Goal(x_m=self.goal.x_m, y_m=self.goal.y_m, heading_rad=self._heading(self.goal))
+
+    def _heading(self, pose: Pose) -> float:
+        if pose.heading_rad is not None:
+            return pose.heading_rad
+        return math.atan2(self.goal.y_m - self.start.y_m, self.goal.x_m - self.start.x_m)
+
+
+class Scenario(Rules):
+    """What a scenario file says."""
+
+    name: Annotated[str, Field(min_length=1, max_length=64)]
+    time_limit_s: Annotated[float, Field(gt=0, le=1e5)] = 60.0
+    sensing: Sensing = Sensing()
+    robots: Annotated[list[ScenarioRobot], Field(min_length=1, max_length=MAX_ROBOTS)]
+
+    def scene(self, *, with_goals: bool) -> Scene:
+        """What everybody may know; the goals only for a run with exchanged goals."""
+        rules = {name: getattr(self, name) for name in Rules.model_fields}
+        return Scene(
+            **rules,
+            robots={r.id: PublicRobot(radius_m=r.radius_m, limits=r.limits) for r in self.robots},
+            goals={r.id: r.goal_pose() for r in self.robots} if with_goals else None,
+        )
+
+    def sensing_of(self, robot: ScenarioRobot) -> Sensing:
+        """This robot's own sensing, or that of the scenario."""
+        return robot.sensing if robot.sensing is not None else self.sensing
+
+    @model_validator(mode="after")
+    def _robots_differ(self) -> Self:
+        seen: set[str] = set()
+        for index, robot in enumerate(self.robots):
+            if robot.id in seen:
+                raise _problem(f"robots.{index}.id", f"the id {robot.id!r} is used twice; ids must differ")
+            seen.add(robot.id)
+        return self
+
+    @model_validator(mode="after")
+    def _poses_lie_inside_the_area(self) -> Self:
+        for index, robot in enumerate(self.robots):
+            for field, pose in (("start", robot.start), ("goal", robot.goal)):
+                if not self.area.contains(pose.x_m, pose.y_m):
+                    raise _problem(
+                        f"robots.{index}.{field}",
+                        f"({pose.x_m:g}, {pose.y_m:g}) lies outside the area "
+                        f"x {self.area.x_min_m:g}…{self.area.x_max_m:g}, "
+                        f"y {self.area.y_min_m:g}…{self.area.y_max_m:g} m",
+                    )
+        return self
+
+    @model_validator(mode="after")
+    def _robots_have_room(self) -> Self:
+        for (_, one), (index, other) in combinations(enumerate(self.robots), 2):
+            touching = one.radius_m + other.radius_m
+            safe = touching + 2.0 * self.safety_margin_m
+            for field, a, b, least, why in (
+                ("start", one.start, other.start, touching, "their bodies overlap"),
+                ("goal", one.goal, other.goal, safe, "they could not both park"),
+            ):
+                distance = math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
+                if distance < least:
+                    raise _problem(
+                        f"robots.{index}.{field}",
+                        f"the {field}s of robots {one.id!r} and {other.id!r} are {distance:.3g} m apart, "
+                        f"at least {least:.4g} m are needed: {why}",
+                    )
+        return self
+
+
+def _problem(where: str, what: str) -> PydanticCustomError:
+    """A problem of the whole scenario that belongs to one place in it (``robots.2.goal``)."""
+    return PydanticCustomError("scenario", "{what}", {"where": where, "what": what})

@@ -1,0 +1,127 @@
+"""Zenoh session settings, typed, and rendered to Zenoh's configuration in one place.
+
+The world is the router of its own star; robots and the bench are clients of it. Nothing is discovered:
+multicast, gossip and shared memory are off, so that every message passes through the world.
+"""
+
+from typing import Literal
+
+import zenoh
+from pydantic import BaseModel, ConfigDict
+
+LEASE_MS = 1000
+"""Silence after which a peer counts as gone: a stopped process is noticed within about a second."""
+MAX_MESSAGE_BYTES = 256 * 1024 + 1024
+"""The largest payload of the codec and its key."""
+
+
+class _ZenohSettings(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Switch(_ZenohSettings):
+    """Something that can be on or off."""
+
+    enabled: bool = False
+
+
+class Scouting(_ZenohSettings):
+    """No discovery; no wait for it at the opening."""
+
+    delay: int = 0
+    multicast: Switch = Switch()
+    gossip: Switch = Switch()
+
+
+class Unicast(_ZenohSettings):
+    """Limits on connections being opened, in ms and in number.
+
+    Idle sockets may not keep newcomers out, and an answer that never comes may not stop a reconnection.
+    """
+
+    open_timeout: int = 1000
+    accept_timeout: int = 1000
+    accept_pending: int = 1000
+
+
+class Sending(_ZenohSettings):
+    """Keep-alive lease in ms."""
+
+    lease: int = LEASE_MS
+
+
+class Receiving(_ZenohSettings):
+    """Largest message in bytes."""
+
+    max_message_size: int = MAX_MESSAGE_BYTES
+
+
+class Link(_ZenohSettings):
+    """Settings of one connection."""
+
+    tx: Sending = Sending()
+    rx: Receiving = Receiving()
+
+
+class Transport(_ZenohSettings):
+    """Shared memory would bypass the size limit, so it is off."""
+
+    unicast: Unicast = Unicast()
+    link: Link = Link()
+    shared_memory: Switch = Switch()
+
+
+class Listen(_ZenohSettings):
+    """Where a world accepts connections."""
+
+    endpoints: tuple[str, ...] = ()
+
+
+class Retry(_ZenohSettings):
+    """Pauses between attempts to connect."""
+
+    period_init_ms: int = 100
+    period_max_ms: int = 500
+    period_increase_factor: float = 1.5
+
+
+class Connect(_ZenohSettings):
+    """Where a client connects to; it waits for a world that is not there yet."""
+
+    endpoints: tuple[str, ...] = ()
+    timeout_ms: int = -1
+    exit_on_failure: bool = False
+    retry: Retry = Retry()
+
+
+class SessionSettings(_ZenohSettings):
+    """One process's session."""
+
+    mode: Literal["router", "client"]
+    listen: Listen = Listen()
+    connect: Connect = Connect()
+    scouting: Scouting = Scouting()
+    transport: Transport = Transport()
+
+    def to_zenoh(self) -> zenoh.Config:
+        """Zenoh's own configuration object.
+
+        Raises:
+            zenoh.ZError: Zenoh does not accept an endpoint.
+        """
+        return zenoh.Config.from_json5(self.model_dump_json())
+
+
+def world_session(listen: str) -> SessionSettings:
+    """The world: a router that accepts connections at an endpoint such as ``tcp/127.0.0.1:7447``."""
+    return SessionSettings(mode="router", listen=Listen(endpoints=(listen,)))
+
+
+def robot_session(connect: str) -> SessionSettings:
+    """A robot: a client of the world at this endpoint."""
+    return SessionSettings(mode="client", connect=Connect(endpoints=(connect,)))
+
+
+def bench_session(connect: str) -> SessionSettings:
+    """The experimenter's bench: a client like a robot, with other keys."""
+    return SessionSettings(mode="client", connect=Connect(endpoints=(connect,)))

@@ -1,0 +1,75 @@
+"""The limits of a differentially driven vehicle, and what they allow at the next step.
+
+State (p_x, p_y, ψ, v): position in m and heading in rad in the frame of the area, speed in m/s, negative when
+reversing. Input (ω, a): turn rate in rad/s and acceleration in m/s², held for one step.
+"""
+
+import math
+from typing import Annotated, NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Positive = Annotated[float, Field(gt=0, le=1e3)]
+
+
+class Limits(BaseModel):
+    """Symmetric limits of one vehicle (table 1 of Majer et al. 2026 gives the defaults)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    speed_mps: Positive = 4.5
+    acceleration_mps2: Positive = 3.0
+    turn_rate_radps: Positive = 1.57
+    jerk_mps3: Positive = 7.0
+    turn_acceleration_radps2: Positive = 0.5
+
+
+class Input(NamedTuple):
+    """What drives a vehicle for one step."""
+
+    turn_rate_radps: float
+    acceleration_mps2: float
+
+
+STANDSTILL = Input(0.0, 0.0)
+
+
+class Reachable(NamedTuple):
+    """The lowest and the highest input that can follow the previous one."""
+
+    lowest: Input
+    highest: Input
+
+    def clip(self, wanted: Input) -> Input:
+        """The reachable input nearest to the wanted one."""
+        return Input(*(min(max(w, low), high) for w, low, high in zip(wanted, *self, strict=True)))
+
+
+def reachable_inputs(limits: Limits, previous: Input, step_s: float) -> Reachable:
+    """Inputs that respect the input limits and the rate limits (eq. 8, second and third row).
+
+    A previous input outside the limits (a disturbance) is brought back inside first, so that the result is
+    never empty.
+    """
+    bounds = Input(limits.turn_rate_radps, limits.acceleration_mps2)
+    rates = Input(limits.turn_acceleration_radps2 * step_s, limits.jerk_mps3 * step_s)
+    held = Input(*(min(max(p, -b), b) for p, b in zip(previous, bounds, strict=True)))
+    lowest = Input(*(max(h - r, -b) for h, r, b in zip(held, rates, bounds, strict=True)))
+    highest = Input(*(min(h + r, b) for h, r, b in zip(held, rates, bounds, strict=True)))
+    return Reachable(lowest, highest)
+
+
+def braking_input(limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
+    """The next input on the way to a standstill: as fast as the limits allow, without overshooting.
+
+    The strongest deceleration is chosen from which the jerk limit still lets the acceleration return to zero
+    by the time the vehicle stands; the turn rate goes straight to zero.
+    """
+    rate = limits.jerk_mps3 * step_s
+    towards_zero = -speed_mps / step_s
+    # Ramping out from an acceleration of n·rate, rate by rate, changes the speed by rate·n(n+1)/2 steps.
+    steps = (math.sqrt(1.0 + 8.0 * abs(towards_zero) / rate) - 1.0) / 2.0
+    whole = math.ceil(steps)
+    size = (abs(towards_zero) + rate * whole * (whole - 1) / 2.0) / whole if whole else 0.0
+    wanted = Input(0.0, math.copysign(size, towards_zero))
+    return reachable_inputs(limits, previous, step_s).clip(wanted)
