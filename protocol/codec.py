@@ -46,10 +46,10 @@ def decode(kind: type[M], payload: bytes) -> M:
     content = _unpack(name, payload)
     if not isinstance(content, dict):
         raise MessageError(f"{name}: a map is expected, found {type(content).__name__}")
-    version = content.get("schema_version")
-    if version != kind.VERSION or isinstance(version, bool):
-        raise MessageError(f"{name}: schema version {version!r} found, {kind.VERSION} expected")
     _check_depth(name, content)
+    version = content.get("schema_version")
+    if type(version) is not int or version != kind.VERSION:
+        raise MessageError(f"{name}: schema_version: {version!r:.80} found, {kind.VERSION} expected")
     try:
         return kind.model_validate(content)
     except ValidationError as error:

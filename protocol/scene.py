@@ -101,9 +101,14 @@ class Scene(Rules):
     goals: Annotated[dict[Name, Goal], Field(max_length=MAX_ROBOTS)] | None = None
     """None unless the run is one with exchanged goals."""
 
+    def robot(self, robot: str) -> PublicRobot:
+        """What is known of a robot; one that the scene does not name is taken for the largest known."""
+        known = self.robots.get(robot)
+        return known if known is not None else max(self.robots.values(), key=lambda each: each.radius_m)
+
     def collision_distance_m(self, one: str, other: str) -> float:
         """Centres closer than this have collided (published: 0.99 m)."""
-        return self.robots[one].radius_m + self.robots[other].radius_m
+        return self.robot(one).radius_m + self.robot(other).radius_m
 
     def safety_distance_m(self, one: str, other: str) -> float:
         """Centres are planned to stay this far apart: d of eq. 9 (published: 1.39 m)."""

@@ -1,0 +1,9 @@
+"""One robot: it sees poses, infers goals, predicts everybody, plans and drives (algorithm 1).
+
+The thinking is the pure core ``Agent.decide``; ``python -m agent`` wraps it in a Zenoh session.
+"""
+
+import os
+
+# One thread a process: robots share few cores, and the order of a sum must not depend on how many there are.
+os.environ.setdefault("OMP_NUM_THREADS", "1")

@@ -1,0 +1,110 @@
+"""``python -m agent``: the command line of one robot's process."""
+
+import signal
+from typing import Annotated
+
+import click
+import typer
+import zenoh
+from pydantic import TypeAdapter, ValidationError
+
+from agent.estimation import ESTIMATORS
+from agent.process import RobotOptions, RobotProcess, SceneError
+from agent.solver import SOLVERS
+from protocol.codec import MessageError
+from protocol.keys import Name
+from protocol.scene import Goal
+
+WRONG_USAGE = 2
+FAILED = 3
+
+_NAME = TypeAdapter(Name)
+
+
+def _name(value: str) -> str:
+    try:
+        return _NAME.validate_python(value)
+    except ValidationError:
+        raise typer.BadParameter(
+            f"{value!r} found, 1 to 32 letters, digits, '-' or '_' are expected, a letter or a digit first"
+        ) from None
+
+
+def _goal(text: str) -> str:
+    parse_goal(text)
+    return text
+
+
+def parse_goal(text: str) -> Goal:
+    """A goal pose from ``x,y,heading`` in m, m and rad.
+
+    Raises:
+        typer.BadParameter: it is not three finite numbers of a plausible size.
+    """
+    try:
+        x_m, y_m, heading_rad = (float(part) for part in text.split(","))
+        return Goal(x_m=x_m, y_m=y_m, heading_rad=heading_rad)
+    except ValueError:
+        raise typer.BadParameter(
+            f"{text!r} found, x,y,heading is expected: three numbers in metres, metres and radians, "
+            "such as 4,-4,-0.785"
+        ) from None
+
+
+def main(
+    robot: Annotated[
+        str, typer.Option(envvar="UNSPOKEN_ROBOT", callback=_name, help="This robot's id in the scenario.")
+    ],
+    goal: Annotated[
+        str,
+        typer.Option(
+            envvar="UNSPOKEN_GOAL",
+            callback=_goal,
+            help="Its own goal pose x,y,heading in m, m, rad. The environment hides it from process lists.",
+        ),
+    ],
+    connect: Annotated[
+        str, typer.Option(envvar="UNSPOKEN_CONNECT", help="Zenoh endpoint of the world.")
+    ] = "tcp/127.0.0.1:7447",
+    run: Annotated[
+        str,
+        typer.Option(
+            envvar="UNSPOKEN_RUN", callback=_name, help="Name of the run, first part of all its keys."
+        ),
+    ] = "run",
+    goals: Annotated[
+        str,
+        typer.Option(
+            envvar="UNSPOKEN_GOALS",
+            click_type=click.Choice(list(ESTIMATORS)),
+            help="How the goals of all robots are estimated.",
+        ),
+    ] = "ioc",
+    solver: Annotated[
+        str,
+        typer.Option(
+            envvar="UNSPOKEN_SOLVER",
+            click_type=click.Choice(list(SOLVERS)),
+            help="What solves the trajectory problems.",
+        ),
+    ] = "reference",
+) -> None:
+    """Be one robot: wait for a world, drive to the goal, until stopped by SIGINT or SIGTERM.
+
+    Exit status: 0 stopped, 2 wrong usage, 3 the world does not fit this robot or cannot be reached at all.
+    """
+    process = RobotProcess(RobotOptions(robot, parse_goal(goal), connect, run, goals, solver))
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda _number, _frame: process.stop())
+    try:
+        process.run()
+    except (SceneError, MessageError) as error:
+        typer.echo(f"robot {robot}: {error}", err=True)
+        raise typer.Exit(FAILED) from None
+    except zenoh.ZError as error:
+        typer.echo(f"robot {robot}: the endpoint {connect} cannot be used: {error}", err=True)
+        raise typer.Exit(FAILED) from None
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,18 @@
+"""Act: from a plan, or from the lack of one, to the input of this step."""
+
+from agent.planning import Plan
+from protocol.vehicle import Input, Limits, reachable_inputs
+
+
+def first_input(plan: Plan) -> Input:
+    """The receding horizon: only the plan's first input is driven."""
+    return Input(*plan.inputs[0].tolist())
+
+
+def without_a_plan(limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
+    """The publication's rule for a step at which a problem was not solved.
+
+    Going forward (or standing), the lowest reachable acceleration and turn rate; in reverse, the highest.
+    """
+    lowest, highest = reachable_inputs(limits, previous, step_s)
+    return lowest if speed_mps >= 0 else highest

@@ -1,0 +1,171 @@
+"""Algorithm 1: remember, estimate, predict, plan, act. No input or output, no clock, no thread."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from agent.acting import first_input, without_a_plan
+from agent.estimation import ESTIMATORS
+from agent.memory import Memory
+from agent.planning import Plan, Planner, plan_of
+from agent.prediction import Prediction, Predictor
+from agent.solver import SOLVERS
+from agent.stopwatch import Clock, Stopwatch
+from agent.vehicle import Array
+from protocol.arrival import has_arrived, nearest_turn, wrap_angle
+from protocol.messages import Command, Mind, Observation, Path, Phase, State
+from protocol.scene import Goal, Scene
+from protocol.vehicle import Input, braking_input, reachable_inputs
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a robot does at a step, and what it thought."""
+
+    command: Command
+    mind: Mind
+
+
+@dataclass
+class _Thought:
+    """What one turn of the algorithm came to; a robot that has arrived thinks nothing."""
+
+    goals: dict[str, Array] = field(default_factory=dict)
+    prediction: Prediction | None = None
+    plan: Plan | None = None
+
+    @property
+    def failed(self) -> tuple[Phase, ...]:
+        """Phases whose problem was not solved. A failed prediction leaves nothing to plan with."""
+        if self.prediction is not None and not self.prediction.solved:
+            return ("predict",)
+        if self.plan is not None and not self.plan.solved:
+            return ("plan",)
+        return ()
+
+
+class Agent:
+    """One robot, from joining an epoch of the world until that epoch ends.
+
+    Args:
+        robot: this robot's id.
+        goal: its own goal, which it tells nobody.
+        scene: what everybody may know.
+        goals: how goals are estimated: a name in ``agent.estimation.ESTIMATORS``.
+        solver: how trajectory problems are solved: a name in ``agent.solver.SOLVERS``.
+        clock: times the phases for ``mind``; it changes no decision.
+
+    Raises:
+        ValueError: the estimator needs something that the scene does not hold.
+    """
+
+    def __init__(
+        self, robot: str, goal: Goal, scene: Scene, *, goals: str, solver: str, clock: Clock
+    ) -> None:
+        self._robot = robot
+        self._goal = goal
+        self._scene = scene
+        self._clock = clock
+        self._memory = Memory(scene.horizons.estimation_steps + 2, scene.step_s)
+        self._estimator = ESTIMATORS[goals](scene)
+        joint_solver = SOLVERS[solver]()
+        self._predictor = Predictor(scene, joint_solver)
+        self._planner = Planner(scene, robot, joint_solver)
+        self._arrived = False
+        self._parked: set[str] = set()
+        self._last: Command | None = None
+        self._solver_failures = 0
+
+    def decide(self, observation: Observation) -> Decision | None:
+        """One turn of algorithm 1.
+
+        Returns:
+            The decision; None for an observation that is not newer than the last one or lacks this robot.
+        """
+        seen = {robot: state.as_tuple() for robot, state in observation.robots.items()}
+        if self._robot not in seen or not self._memory.remember(observation.step, seen):
+            return None
+        watch = Stopwatch(self._clock)
+        self._arrived = self._arrived or self._is_at(self._goal, self._robot)
+        thought = _Thought() if self._arrived else self._think(watch)
+        self._solver_failures += len(thought.failed)
+        control = self._act(thought)
+        self._last = Command(
+            epoch=observation.epoch,
+            robot=self._robot,
+            step=observation.step,
+            turn_rate_radps=control.turn_rate_radps,
+            acceleration_mps2=control.acceleration_mps2,
+        )
+        return Decision(self._last, self._mind(observation, thought, watch))
+
+    def _think(self, watch: Stopwatch) -> _Thought:
+        with watch.phase("estimate"):
+            goals = self._estimator.estimate(self._memory)
+        with watch.phase("predict"):
+            prediction = self._predictor.predict(self._memory, goals, self._known_parked())
+        if not prediction.solved:
+            return _Thought(goals, prediction)
+        with watch.phase("plan"):
+            plan = self._plan(prediction)
+        return _Thought(goals, prediction, plan)
+
+    def _plan(self, prediction: Prediction) -> Plan:
+        if self._estimator.goals_are_shared:
+            return plan_of(prediction, self._robot)
+        heading = nearest_turn(self._goal.heading_rad, self._memory.state(self._robot)[2])
+        goal = np.array([self._goal.x_m, self._goal.y_m, heading, 0.0])
+        return self._planner.plan(self._memory, goal, self._previous_input(), prediction)
+
+    def _act(self, thought: _Thought) -> Input:
+        limits, previous = self._scene.robot(self._robot).limits, self._previous_input()
+        speed, step_s = float(self._memory.state(self._robot)[3]), self._scene.step_s
+        if self._arrived:
+            return braking_input(limits, previous, speed, step_s)
+        if thought.failed or thought.plan is None:
+            return without_a_plan(limits, previous, speed, step_s)
+        return reachable_inputs(limits, previous, step_s).clip(first_input(thought.plan))
+
+    def _previous_input(self) -> Input:
+        """What this robot commanded for the step before; recovered from poses if it did not."""
+        if self._last is not None and self._last.step == self._memory.step - 1:
+            return self._last.input
+        return self._memory.previous_input(self._robot)
+
+    def _known_parked(self) -> set[str]:
+        """Robots known to have arrived: only where goals are shared. A parked robot stays parked."""
+        shared = self._scene.goals if self._estimator.goals_are_shared else None
+        for robot in self._memory.robots:
+            if shared is not None and robot in shared and self._is_at(shared[robot], robot):
+                self._parked.add(robot)
+        return self._parked & set(self._memory.robots)
+
+    def _is_at(self, goal: Goal, robot: str) -> bool:
+        state = self._memory.state(robot).tolist()
+        return has_arrived(state, goal.as_state(), self._scene.arrival_tolerance)
+
+    def _mind(self, observation: Observation, thought: _Thought, watch: Stopwatch) -> Mind:
+        return Mind(
+            epoch=observation.epoch,
+            robot=self._robot,
+            step=observation.step,
+            arrived=self._arrived,
+            estimates={robot: _as_message(goal) for robot, goal in thought.goals.items()},
+            prediction={
+                robot: _as_path(path)
+                for robot, path in (thought.prediction.paths if thought.prediction else {}).items()
+            },
+            plan=_as_path(thought.plan.states) if thought.plan else (),
+            failed=thought.failed,
+            solver_failures=self._solver_failures,
+            timings_ms=watch.timings(),
+        )
+
+
+def _as_message(state: Array) -> State:
+    x, y, heading, speed = state.tolist()
+    return State(x_m=x, y_m=y, heading_rad=wrap_angle(heading), speed_mps=speed)
+
+
+def _as_path(positions: Array) -> Path:
+    return tuple((float(x), float(y)) for x, y in positions[:, :2])

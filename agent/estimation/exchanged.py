@@ -1,0 +1,37 @@
+"""Goals that the robots have told one another before the run: the publication's upper baseline."""
+
+import numpy as np
+
+from agent.memory import Memory
+from agent.vehicle import Array
+from protocol.arrival import nearest_turn
+from protocol.scene import Goal, Scene
+
+
+class Exchanged:
+    """Reads the goals from the scene; a robot whose goal is not in it is taken to stay where it is.
+
+    Raises:
+        ValueError: the scene holds no goals, because the world was not started for exchanged goals.
+    """
+
+    goals_are_shared = True
+
+    def __init__(self, scene: Scene) -> None:
+        if scene.goals is None:
+            raise ValueError(
+                "the scene holds no goals; exchanged goals need a world started with --exchange-goals"
+            )
+        self._goals: dict[str, Goal] = scene.goals
+
+    def estimate(self, memory: Memory) -> dict[str, Array]:
+        """See :class:`agent.estimation.interface.GoalEstimator`."""
+        estimates = {}
+        for robot in memory.robots:
+            state = memory.state(robot)
+            if robot in self._goals:
+                x, y, heading, speed = self._goals[robot].as_state()
+                estimates[robot] = np.array([x, y, nearest_turn(heading, state[2]), speed])
+            else:
+                estimates[robot] = np.array([*state[:3], 0.0])
+        return estimates

@@ -1,0 +1,45 @@
+"""Plan: the ego's own problem with its true goal, the others moving as predicted (eq. 1)."""
+
+from dataclasses import dataclass
+
+from agent.memory import Memory
+from agent.prediction import Prediction
+from agent.problems import joint_problem
+from agent.solver.problem import JointSolver
+from agent.vehicle import Array
+from protocol.scene import Scene
+from protocol.vehicle import Input
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What the ego means to do: inputs (K, 2) and the states (K + 1, 4) they lead through."""
+
+    inputs: Array
+    states: Array
+    solved: bool
+
+
+def plan_of(prediction: Prediction, robot: str) -> Plan:
+    """With exchanged goals the joint problem is the plan."""
+    return Plan(prediction.inputs[robot], prediction.states[robot], prediction.solved)
+
+
+class Planner:
+    """Plans for one robot.
+
+    Each plan starts from the self-prediction, so that the ego passes the others on the side on which they
+    expect it: a start of its own can end in a local minimum on the other side.
+    """
+
+    def __init__(self, scene: Scene, robot: str, solver: JointSolver) -> None:
+        self._scene = scene
+        self._robot = robot
+        self._solver = solver
+
+    def plan(self, memory: Memory, goal: Array, previous: Input, prediction: Prediction) -> Plan:
+        """Solve eq. 1 for the ego, among the predicted paths of all others."""
+        others = {robot: path for robot, path in prediction.paths.items() if robot != self._robot}
+        problem = joint_problem(self._scene, memory, {self._robot: goal}, others, {self._robot: previous})
+        solution = self._solver.solve(problem, prediction.inputs[self._robot][None])
+        return Plan(solution.inputs[0], solution.states[0], solution.solved)

@@ -1,0 +1,54 @@
+"""Predict: the joint problem of everybody with the estimated goals (eq. 7)."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from agent.memory import Memory
+from agent.problems import WarmStarts, joint_problem
+from agent.solver.problem import JointSolver
+from agent.vehicle import Array
+from protocol.scene import Scene
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What all robots will do, as everybody may think: the ego drives to its *estimated* goal here."""
+
+    paths: dict[str, Array]
+    """Positions (K + 1, 2) of every robot."""
+    inputs: dict[str, Array]
+    """Inputs (K, 2) of every robot that is not parked."""
+    states: dict[str, Array]
+    """States (K + 1, 4) of every robot that is not parked."""
+    solved: bool
+
+
+class Predictor:
+    """Predicts all robots jointly, each time from the last prediction."""
+
+    def __init__(self, scene: Scene, solver: JointSolver) -> None:
+        self._scene = scene
+        self._solver = solver
+        self._starts = WarmStarts()
+
+    def predict(self, memory: Memory, goals: Mapping[str, Array], parked: Collection[str]) -> Prediction:
+        """Solve eq. 7 for all robots in memory; those known to be parked stay where they are."""
+        stages = self._scene.horizons.prediction_steps + 1
+        resting = {robot: np.tile(memory.state(robot)[:2], (stages, 1)) for robot in parked}
+        free = {robot: goals[robot] for robot in memory.robots if robot not in parked}
+        inputs = {robot: memory.previous_input(robot) for robot in free}
+        problem = joint_problem(self._scene, memory, free, resting, inputs)
+        solution = self._solver.solve(problem, self._starts.start(problem, list(free)))
+        if solution.solved:
+            self._starts.keep(list(free), solution.inputs)
+        else:
+            self._starts.forget()
+        moving = dict(zip(free, solution.states, strict=True))
+        return Prediction(
+            paths={robot: states[:, :2] for robot, states in moving.items()} | resting,
+            inputs=dict(zip(free, solution.inputs, strict=True)),
+            states=moving,
+            solved=solution.solved,
+        )

@@ -1,0 +1,158 @@
+"""The thin shell around the core: poses come in over Zenoh, minds and commands go out."""
+
+import threading
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
+
+import structlog
+import zenoh
+
+from agent.agent import Agent
+from protocol.codec import MessageError, decode, encode
+from protocol.keys import Keys
+from protocol.messages import Observation, PublicScene
+from protocol.scene import Goal, Scene
+from protocol.session import robot_session
+
+SCENE_TIMEOUT_S = 1.0
+"""After this time without an answer the scene is asked for again."""
+SCENE_PAUSE_S = 0.1
+"""Between two questions: a world can be reached a moment before it answers."""
+
+
+@dataclass(frozen=True)
+class RobotOptions:
+    """What a robot's process is told at its start; see :class:`agent.agent.Agent`."""
+
+    robot: str
+    goal: Goal
+    connect: str
+    run: str
+    goals: str
+    solver: str
+
+
+class SceneError(Exception):
+    """The world's scene does not fit this robot; the text says why and what to do."""
+
+
+class RobotProcess:
+    """One robot on the bus, until it is stopped; worlds may come and go meanwhile."""
+
+    def __init__(self, options: RobotOptions) -> None:
+        self._options = options
+        self._keys = Keys(options.run)
+        self._log = structlog.get_logger("agent").bind(robot=options.robot)
+        # The queue's put is safe in signal handlers and in Zenoh's callbacks; None stands for the end.
+        self._inbox: SimpleQueue[bytes | None] = SimpleQueue()
+        self._stopped = False
+
+    def stop(self) -> None:
+        """End :meth:`run` soon; may be called from a signal handler."""
+        self._stopped = True
+        self._inbox.put(None)
+
+    def run(self) -> None:
+        """Wait for a world, then answer each observation that is still the newest when it is taken.
+
+        Raises:
+            SceneError: the world does not know this robot, or does not share what its estimator needs.
+            zenoh.ZError: Zenoh cannot use the endpoint.
+        """
+        session = self._connect()
+        if session is None:
+            return
+        with session:
+            agent, epoch = self._join(session)
+            _poses = session.declare_subscriber(
+                self._keys.pose(self._options.robot),
+                lambda sample: self._inbox.put(sample.payload.to_bytes()),
+            )
+            # Presence comes last: it lets the world publish step 0.
+            _presence = session.liveliness().declare_token(self._keys.alive(self._options.robot))
+            while (observation := self._newest_observation()) is not None:
+                if observation.epoch != epoch:
+                    agent, epoch = self._join(session)
+                if agent is not None and observation.epoch == epoch:
+                    self._answer(session, agent, observation)
+        self._log.info("stopped")
+
+    def _connect(self) -> zenoh.Session | None:
+        """The session, once the world is there; None if stopped before.
+
+        Opening blocks until then and lets no signal handler run, so it happens on a thread of its own.
+        """
+        config = robot_session(self._options.connect).to_zenoh()
+        opened: list[zenoh.Session | zenoh.ZError] = []
+
+        def open_session() -> None:
+            try:
+                opened.append(zenoh.open(config))
+            except zenoh.ZError as error:
+                opened.append(error)
+            self._inbox.put(b"")
+
+        self._log.info("waiting for the world", connect=self._options.connect, run=self._options.run)
+        threading.Thread(target=open_session, daemon=True).start()
+        if self._inbox.get() is None:
+            return None
+        session = opened[0]
+        if isinstance(session, zenoh.ZError):
+            raise session
+        return session
+
+    def _join(self, session: zenoh.Session) -> tuple[Agent | None, int | None]:
+        """Begin anew with the scene of the present world, and with its epoch; neither if stopped before."""
+        while not self._stopped:
+            for reply in session.get(self._keys.scene, timeout=SCENE_TIMEOUT_S):
+                if reply.ok is not None:
+                    public = decode(PublicScene, reply.ok.payload.to_bytes())
+                    self._log.info("joined", epoch=public.epoch, robots=len(public.scene.robots))
+                    return self._agent(public.scene), public.epoch
+            time.sleep(SCENE_PAUSE_S)
+        return None, None
+
+    def _agent(self, scene: Scene) -> Agent:
+        options = self._options
+        if options.robot not in scene.robots:
+            raise SceneError(
+                f"this world has no robot {options.robot!r}; its robots are {', '.join(scene.robots)}. "
+                "Start this robot with one of these ids, or the world with another scenario."
+            )
+        try:
+            return Agent(
+                options.robot,
+                options.goal,
+                scene,
+                goals=options.goals,
+                solver=options.solver,
+                clock=time.perf_counter,
+            )
+        except ValueError as error:
+            raise SceneError(str(error)) from error
+
+    def _newest_observation(self) -> Observation | None:
+        """Wait for an observation and skip to the newest one; None when stopped."""
+        while not self._stopped:
+            payload = self._inbox.get()
+            with suppress(Empty):
+                while True:
+                    payload = self._inbox.get_nowait()
+            if payload:
+                try:
+                    return decode(Observation, payload)
+                except MessageError as error:
+                    self._log.warning("refused an observation", reason=str(error))
+        return None
+
+    def _answer(self, session: zenoh.Session, agent: Agent, observation: Observation) -> None:
+        """Decide and publish. The mind goes first, so that it is recorded before the step can end."""
+        decision = agent.decide(observation)
+        if decision is None:
+            return
+        session.put(self._keys.mind(self._options.robot), encode(decision.mind))
+        session.put(self._keys.command(self._options.robot), encode(decision.command))
+        if decision.mind.failed:
+            self._log.warning("not solved", step=observation.step, phases=decision.mind.failed)

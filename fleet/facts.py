@@ -1,0 +1,20 @@
+"""What is known of a run before it starts."""
+
+from protocol.keys import Name
+from protocol.scene import Settings
+
+
+class RunFacts(Settings):
+    """Which experiment a run is; kept in its summary and in its recording."""
+
+    scenario: str
+    """The scenario's name."""
+    goals: str
+    """How the robots come to know goals: ``exchanged`` or the name of an estimator."""
+    solver: str
+    clock: str
+    seed: int
+    run: Name
+    """The run's name on the bus."""
+    version: str
+    """Of this software."""

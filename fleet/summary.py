@@ -1,0 +1,165 @@
+"""The summary of a run: what ``summary.json`` says."""
+
+import os
+from array import array
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from fleet.facts import RunFacts
+from protocol.messages import Message, Mind, TrueRobot, Truth
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+
+
+class RobotSummary(_Record):
+    """One robot's part."""
+
+    id: str
+    arrived_s: float | None
+    """None: it never arrived."""
+    driven_m: float
+    solver_failures: int
+    deadline_misses: int
+
+
+class PhaseDurations(_Record):
+    """Percentiles of one phase's wall-clock time, in ms, over all robots' decisions in which it ran.
+
+    None where it never ran: nothing was measured, which is not the same as no time.
+    """
+
+    p50: float | None
+    p99: float | None
+    max: float | None
+
+
+class Phases(_Record):
+    """The phases of a decision; ``decide`` is the whole."""
+
+    estimate: PhaseDurations
+    predict: PhaseDurations
+    plan: PhaseDurations
+    decide: PhaseDurations
+
+
+class Summary(_Record):
+    """One run. In JSON the version stands under ``schema``."""
+
+    version: Literal[1] = Field(default=1, alias="schema")
+    scenario: str
+    goals: str
+    solver: str
+    clock: str
+    seed: int
+    verdict: str
+    """The referee's, or ``interrupted`` or ``failed`` where the run ended without one."""
+    duration_s: float | None
+    """When the last robot arrived; None unless all did."""
+    steps: int
+    collisions: int
+    """Number of pairs that collided."""
+    minimum_distance_m: float | None
+    """None with a single robot."""
+    solver_failures: int
+    deadline_misses: int
+    clipped_commands: int
+    robots: tuple[RobotSummary, ...]
+    phases_ms: Phases
+
+    def write(self, path: Path) -> None:
+        """Write the JSON file so that it is never seen half written.
+
+        Raises:
+            OSError: it cannot be written; an older file is then left as it was.
+        """
+        part = path.with_name(path.name + ".part")
+        try:
+            with part.open("w", encoding="utf-8") as file:
+                file.write(self.model_dump_json(by_alias=True, indent=2) + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(part, path)
+        finally:
+            part.unlink(missing_ok=True)
+
+
+class Tally:
+    """Counts up a run from its messages, as they come or from a recording."""
+
+    def __init__(self) -> None:
+        self._truth: Truth | None = None
+        self._robots: dict[str, TrueRobot] = {}
+        self._solver_failures: dict[str, int] = {}
+        self._durations_ms = {phase: array("d") for phase in Phases.model_fields}
+
+    def add(self, message: Message) -> None:
+        """Count a truth or a mind, in the order of their steps; other messages tell nothing more."""
+        if isinstance(message, Truth):
+            self._truth = message
+            # A robot that has vanished keeps what it had reached.
+            self._robots.update(message.robots)
+        elif isinstance(message, Mind):
+            self._solver_failures[message.robot] = message.solver_failures
+            for phase, durations_ms in self._durations_ms.items():
+                duration_ms = getattr(message.timings_ms, phase)
+                if duration_ms > 0.0:
+                    durations_ms.append(duration_ms)
+
+    @property
+    def clipped_commands(self) -> dict[str, int]:
+        """Commands outside the limits so far, by robot."""
+        return {name: robot.clipped_commands for name, robot in self._robots.items()}
+
+    def summary(self, facts: RunFacts, verdict: str | None = None) -> Summary:
+        """The run so far.
+
+        Args:
+            facts: what the run is.
+            verdict: how it ended, where that is known better than by the referee (a process failed); None:
+                as the referee said, and ``interrupted`` if it did not.
+        """
+        truth = self._truth
+        return Summary(
+            scenario=facts.scenario,
+            goals=facts.goals,
+            solver=facts.solver,
+            clock=facts.clock,
+            seed=facts.seed,
+            verdict=verdict or (truth and truth.verdict) or "interrupted",
+            duration_s=self._duration_s(),
+            steps=truth.step if truth else 0,
+            collisions=len(truth.collisions) if truth else 0,
+            minimum_distance_m=truth.minimum_distance_m if truth else None,
+            solver_failures=sum(self._solver_failures.values()),
+            deadline_misses=sum(robot.deadline_misses for robot in self._robots.values()),
+            clipped_commands=sum(self.clipped_commands.values()),
+            robots=tuple(self._robot(name, robot) for name, robot in self._robots.items()),
+            phases_ms=Phases(**{name: _percentiles(values) for name, values in self._durations_ms.items()}),
+        )
+
+    def _duration_s(self) -> float | None:
+        arrivals_s = [robot.arrived_s for robot in self._robots.values()]
+        arrived_s = [time_s for time_s in arrivals_s if time_s is not None]
+        return max(arrived_s) if arrived_s and len(arrived_s) == len(arrivals_s) else None
+
+    def _robot(self, name: str, robot: TrueRobot) -> RobotSummary:
+        return RobotSummary(
+            id=name,
+            arrived_s=robot.arrived_s,
+            driven_m=robot.driven_m,
+            solver_failures=self._solver_failures.get(name, 0),
+            deadline_misses=robot.deadline_misses,
+        )
+
+
+def _percentiles(values: Sequence[float]) -> PhaseDurations:
+    if not values:
+        return PhaseDurations(p50=None, p99=None, max=None)
+    p50, p99, most = np.percentile(values, [50.0, 99.0, 100.0]).tolist()
+    return PhaseDurations(p50=p50, p99=p99, max=most)

@@ -1,0 +1,358 @@
+"""Messages survive the wire; whatever else arrives gives one kind of exception that names what is wrong."""
+
+import math
+import tracemalloc
+from typing import Any
+
+import msgpack
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from protocol.codec import MAX_ITEMS, MAX_PAYLOAD_BYTES, MessageError, decode, encode
+from protocol.messages import (
+    Command,
+    Message,
+    Mind,
+    Observation,
+    PublicScene,
+    State,
+    Timings,
+    TrueRobot,
+    Truth,
+)
+from protocol.scene import MAX_ROBOTS, Area, Goal, Horizons, PublicRobot, Scene, Weights
+from protocol.vehicle import Limits
+
+KINDS: list[type[Message]] = [Observation, Command, PublicScene, Truth, Mind]
+
+NAMES = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}", fullmatch=True)
+COORDINATES = st.floats(-1e6, 1e6)
+NOT_NEGATIVE = st.floats(0, 1e6)
+POSITIVE = st.floats(1e-6, 1e3)
+COUNTS = st.integers(0, 2**53)
+HEADER = {"epoch": st.integers(0, 2**63 - 1)}
+
+STATES = st.builds(State, x_m=COORDINATES, y_m=COORDINATES, heading_rad=COORDINATES, speed_mps=COORDINATES)
+ROBOTS = st.dictionaries(NAMES, STATES, max_size=5)
+SCENES = st.builds(
+    Scene,
+    step_s=st.floats(1e-3, 10),
+    area=st.builds(
+        Area,
+        x_min_m=st.floats(-1e6, 0),
+        x_max_m=st.floats(1e-3, 1e6),
+        y_min_m=st.floats(-1e6, 0),
+        y_max_m=st.floats(1e-3, 1e6),
+    ),
+    horizons=st.builds(Horizons, prediction_steps=st.integers(2, 200), estimation_steps=st.integers(2, 200)),
+    weights=st.builds(Weights, x=NOT_NEGATIVE, y=NOT_NEGATIVE, heading=NOT_NEGATIVE, speed=NOT_NEGATIVE),
+    arrival_tolerance=st.floats(1e-3, 10),
+    safety_margin_m=st.floats(0, 100),
+    robots=st.dictionaries(
+        NAMES,
+        st.builds(
+            PublicRobot,
+            radius_m=st.floats(1e-3, 100),
+            limits=st.builds(
+                Limits,
+                speed_mps=POSITIVE,
+                acceleration_mps2=POSITIVE,
+                turn_rate_radps=POSITIVE,
+                jerk_mps3=POSITIVE,
+                turn_acceleration_radps2=POSITIVE,
+            ),
+        ),
+        min_size=1,
+        max_size=4,
+    ),
+    goals=st.none()
+    | st.dictionaries(
+        NAMES, st.builds(Goal, x_m=COORDINATES, y_m=COORDINATES, heading_rad=COORDINATES), max_size=4
+    ),
+)
+PATHS = st.lists(st.tuples(COORDINATES, COORDINATES), max_size=5).map(tuple)
+MESSAGES = st.one_of(
+    st.builds(Observation, **HEADER, step=COUNTS, time_s=NOT_NEGATIVE, robots=ROBOTS),
+    st.builds(
+        Command,
+        **HEADER,
+        robot=NAMES,
+        step=COUNTS,
+        turn_rate_radps=COORDINATES,
+        acceleration_mps2=COORDINATES,
+    ),
+    st.builds(PublicScene, **HEADER, scene=SCENES),
+    st.builds(
+        Truth,
+        **HEADER,
+        step=COUNTS,
+        time_s=NOT_NEGATIVE,
+        robots=st.dictionaries(
+            NAMES,
+            st.builds(
+                TrueRobot,
+                state=STATES,
+                turn_rate_radps=COORDINATES,
+                acceleration_mps2=COORDINATES,
+                arrived_s=st.none() | NOT_NEGATIVE,
+                driven_m=NOT_NEGATIVE,
+                deadline_misses=COUNTS,
+                clipped_commands=COUNTS,
+            ),
+            max_size=4,
+        ),
+        minimum_distance_m=st.none() | NOT_NEGATIVE,
+        collisions=st.lists(st.tuples(NAMES, NAMES), max_size=4).map(tuple),
+        verdict=st.sampled_from([None, "arrived", "collision", "deadlock", "timeout", "interrupted"]),
+    ),
+    st.builds(
+        Mind,
+        **HEADER,
+        robot=NAMES,
+        step=COUNTS,
+        arrived=st.booleans(),
+        estimates=ROBOTS,
+        prediction=st.dictionaries(NAMES, PATHS, max_size=4),
+        plan=PATHS,
+        failed=st.sampled_from([(), ("predict",), ("plan",), ("predict", "plan")]),
+        solver_failures=COUNTS,
+        timings_ms=st.builds(
+            Timings, estimate=NOT_NEGATIVE, predict=NOT_NEGATIVE, plan=NOT_NEGATIVE, decide=NOT_NEGATIVE
+        ),
+    ),
+)
+
+COMMAND: dict[str, Any] = {
+    "schema_version": 1,
+    "epoch": 5,
+    "robot": "a",
+    "step": 7,
+    "turn_rate_radps": 0.25,
+    "acceleration_mps2": -0.5,
+}
+OBSERVATION: dict[str, Any] = {
+    "schema_version": 1,
+    "epoch": 5,
+    "step": 7,
+    "time_s": 0.7,
+    "robots": {"a": {"x_m": 1.0, "y_m": 2.0, "heading_rad": 0.5, "speed_mps": 0.0}},
+}
+
+
+def packed(content: Any) -> bytes:
+    payload: bytes = msgpack.packb(content)
+    return payload
+
+
+def refusal(kind: type[Message], payload: bytes) -> str:
+    """What the one exception says; any other exception fails the test."""
+    with pytest.raises(MessageError) as raised:
+        decode(kind, payload)
+    return str(raised.value)
+
+
+def decodes_or_is_refused(kind: type[Message], payload: bytes) -> bool:
+    """Whether there is nothing but a message of the kind or the one exception, short and naming the kind."""
+    try:
+        return type(decode(kind, payload)) is kind
+    except MessageError as error:
+        return str(error).startswith(f"{kind.__name__}: ") and len(str(error)) < 400
+
+
+@given(MESSAGES)
+def test_every_kind_of_message_comes_back_as_it_was_sent(message: Message) -> None:
+    assert decode(type(message), encode(message)) == message
+
+
+def test_on_the_wire_a_message_is_a_msgpack_map_of_its_fields() -> None:
+    command = Command(epoch=5, robot="a", step=7, turn_rate_radps=0.25, acceleration_mps2=-0.5)
+    assert msgpack.unpackb(encode(command)) == COMMAND
+    assert decode(Command, packed(COMMAND)) == command
+    assert tuple(command.input) == (0.25, -0.5)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@given(payload=st.binary(max_size=200))
+def test_random_bytes_are_refused(kind: type[Message], payload: bytes) -> None:
+    assert decodes_or_is_refused(kind, payload)
+
+
+PLAIN = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text() | st.binary(),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text() | st.binary(), inner, max_size=4),
+    max_leaves=12,
+)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@given(content=PLAIN)
+def test_random_msgpack_is_refused(kind: type[Message], content: Any) -> None:
+    assert decodes_or_is_refused(kind, packed(content))
+    assert decodes_or_is_refused(
+        kind, packed({"schema_version": 1, "epoch": 1, "step": content, "robots": content})
+    )
+
+
+@given(MESSAGES, st.data())
+def test_a_message_with_changed_bytes_is_a_message_or_refused(message: Message, data: st.DataObject) -> None:
+    payload = bytearray(encode(message))
+    for _ in range(data.draw(st.integers(1, 4))):
+        payload[data.draw(st.integers(0, len(payload) - 1))] = data.draw(st.integers(0, 255))
+    assert decodes_or_is_refused(type(message), bytes(payload))
+
+
+@given(MESSAGES, st.data())
+def test_a_message_cut_short_or_with_bytes_behind_it_is_refused(
+    message: Message, data: st.DataObject
+) -> None:
+    payload = encode(message)
+    cut = data.draw(st.integers(0, len(payload) - 1))
+    assert "not readable as msgpack" in refusal(type(message), payload[:cut])
+    assert "not readable as msgpack" in refusal(type(message), payload + b"\xc0")
+
+
+@given(MESSAGES, st.sampled_from(KINDS))
+def test_a_message_of_one_kind_is_no_message_of_another(message: Message, kind: type[Message]) -> None:
+    if kind is not type(message):
+        assert refusal(kind, encode(message)).startswith(f"{kind.__name__}: ")
+
+
+@pytest.mark.parametrize("depth", [8, 100, 900, 1000, 1020, 5000, 100_000])
+@pytest.mark.parametrize("field", ["schema_version", "step", "unknown"])
+def test_deep_nesting_is_refused(field: str, depth: int) -> None:
+    inside = packed(field) + b"\x91" * depth + b"\x01"
+    version = packed("schema_version") + b"\x01"
+    told = refusal(Command, b"\x81" + inside if field == "schema_version" else b"\x82" + version + inside)
+    assert "nested deeper than 8 levels" in told or "not readable as msgpack: StackError" in told
+
+
+@pytest.mark.parametrize(
+    "header",
+    [b"\xdd\xff\xff\xff\xff", b"\xdf\xff\xff\xff\xff", b"\xdb\xff\xff\xff\xff", b"\xc6\xff\xff\xff\xff"],
+    ids=["array", "map", "text", "binary"],
+)
+def test_a_huge_declared_length_is_refused_before_memory_is_taken_for_it(header: bytes) -> None:
+    payload = b"\x81" + packed("step") + header
+    tracemalloc.start()
+    try:
+        told = refusal(Command, payload)
+        _, peak_bytes = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert told.startswith("Command: not readable as msgpack: ValueError: ")
+    assert peak_bytes < MAX_PAYLOAD_BYTES
+
+
+def test_too_many_items_and_too_many_bytes_are_refused() -> None:
+    assert "exceeds max_array_len" in refusal(Command, packed({"step": [0] * (MAX_ITEMS + 1)}))
+    many = {str(n): 0 for n in range(MAX_ITEMS + 1)}
+    assert "exceeds max_map_len" in refusal(Command, packed({"step": many}))
+    assert refusal(Command, bytes(MAX_PAYLOAD_BYTES + 1)) == (
+        f"Command: {MAX_PAYLOAD_BYTES + 1} bytes, at most {MAX_PAYLOAD_BYTES} are allowed"
+    )
+
+
+def test_a_message_that_no_reader_would_accept_is_not_sent() -> None:
+    path = tuple((0.5, 0.5) for _ in range(201))
+    mind = Mind(
+        epoch=1,
+        robot="a",
+        step=0,
+        arrived=False,
+        estimates={},
+        prediction={f"r{n}": path for n in range(128)},
+        plan=path,
+        failed=(),
+        solver_failures=0,
+        timings_ms=Timings(),
+    )
+    with pytest.raises(MessageError, match=rf"Mind: \d+ bytes, at most {MAX_PAYLOAD_BYTES} are allowed"):
+        encode(mind)
+    half = mind.model_copy(update={"prediction": {f"r{n}": path for n in range(64)}})
+    assert decode(Mind, encode(half)) == half
+
+
+@pytest.mark.parametrize("version", [0, 2, 1.0, True, "1", None, [1] * 1000, {"1": 1}])
+def test_another_schema_version_is_refused(version: Any) -> None:
+    told = refusal(Command, packed({**COMMAND, "schema_version": version}))
+    assert told.startswith("Command: schema_version: ")
+    assert told.endswith(" found, 1 expected")
+    assert len(told) < 200
+
+
+def test_a_message_without_a_version_is_refused() -> None:
+    unversioned = {name: value for name, value in COMMAND.items() if name != "schema_version"}
+    assert refusal(Command, packed(unversioned)) == "Command: schema_version: None found, 1 expected"
+
+
+@pytest.mark.parametrize("content", [None, 1, "text", [COMMAND], []])
+def test_what_is_no_map_is_refused(content: Any) -> None:
+    assert refusal(Command, packed(content)).startswith("Command: a map is expected, found ")
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "told"),
+    [
+        ("turn_rate_radps", math.nan, "should be a finite number, found nan"),
+        ("turn_rate_radps", math.inf, "found inf"),
+        ("acceleration_mps2", -math.inf, "found -inf"),
+        ("acceleration_mps2", 1e7, "found 10000000.0"),
+        ("acceleration_mps2", 2**64 - 1, "found 18446744073709551615"),
+        ("acceleration_mps2", "1.0", "should be a valid number, found '1.0'"),
+        ("acceleration_mps2", True, "should be a valid number, found True"),
+        ("acceleration_mps2", None, "should be a valid number, found None"),
+        ("acceleration_mps2", [1.0], "should be a valid number, found (1.0,)"),
+        ("step", 1.0, "should be a valid integer, found 1.0"),
+        ("step", True, "should be a valid integer, found True"),
+        ("step", "1", "should be a valid integer, found '1'"),
+        ("step", -1, "found -1"),
+        ("step", 2**53 + 1, "found 9007199254740993"),
+        ("epoch", -1, "found -1"),
+        ("epoch", 2**63, "found 9223372036854775808"),
+        ("robot", "a/b", "should match pattern"),
+        ("robot", "", "should match pattern"),
+        ("robot", "a\n", "should match pattern"),
+        ("robot", 5, "should be a valid string, found 5"),
+        ("speed", 1.0, "Extra inputs are not permitted, found 1.0"),
+    ],
+)
+def test_a_wrong_field_is_named_with_what_was_found(field: str, value: Any, told: str) -> None:
+    line = refusal(Command, packed({**COMMAND, field: value}))
+    assert line.startswith(f"Command: {field}: ")
+    assert told in line
+
+
+@pytest.mark.parametrize("field", [name for name in COMMAND if name != "schema_version"])
+def test_a_missing_field_is_named(field: str) -> None:
+    rest = {name: value for name, value in COMMAND.items() if name != field}
+    assert refusal(Command, packed(rest)).startswith(f"Command: {field}: Field required")
+
+
+def test_a_wrong_field_deep_inside_is_named_with_its_path() -> None:
+    state = {**OBSERVATION["robots"]["a"], "speed_mps": math.nan}
+    told = refusal(Observation, packed({**OBSERVATION, "robots": {"a": state}}))
+    assert told.startswith("Observation: robots.a.speed_mps: ")
+
+
+def test_a_map_with_a_wrong_key_is_refused() -> None:
+    state = OBSERVATION["robots"]["a"]
+    for wrong in ("a/b", "*", "x" * 33):
+        assert "should match pattern" in refusal(
+            Observation, packed({**OBSERVATION, "robots": {wrong: state}})
+        )
+    told = refusal(Observation, packed({**OBSERVATION, "robots": {1: state}}))
+    assert told.startswith("Observation: not readable as msgpack: ValueError: int is not allowed for map key")
+    assert refusal(Observation, packed({**OBSERVATION, "robots": {b"": state}})).startswith("Observation: ")
+
+
+def test_whole_numbers_are_accepted_where_a_number_is_expected() -> None:
+    command = decode(Command, packed({**COMMAND, "turn_rate_radps": 1, "acceleration_mps2": -2}))
+    assert tuple(command.input) == (1.0, -2.0)
+
+
+def test_one_robot_more_than_allowed_is_refused() -> None:
+    robots = {f"r{n}": OBSERVATION["robots"]["a"] for n in range(MAX_ROBOTS + 1)}
+    assert refusal(Observation, packed({**OBSERVATION, "robots": robots})).startswith("Observation: robots: ")
+    del robots["r0"]
+    assert len(decode(Observation, packed({**OBSERVATION, "robots": robots})).robots) == MAX_ROBOTS

@@ -1,0 +1,140 @@
+"""Session settings: what Zenoh makes of them, and sessions that really speak to each other with them."""
+
+import json
+import shutil
+import tempfile
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from queue import Queue
+from typing import Any
+
+import pytest
+import zenoh
+
+from protocol.codec import MAX_PAYLOAD_BYTES
+from protocol.session import bench_session, robot_session, world_session
+
+PATIENCE_S = 60
+"""Ends a test that would otherwise wait for ever; nothing is asserted about times."""
+TCP = "tcp/127.0.0.1:7447"
+KEY = "unspoken/test/pose/a"
+
+
+@pytest.fixture
+def endpoint() -> Iterator[str]:
+    """A socket of this test alone; its path must be shorter than pytest's own folders."""
+    folder = Path(tempfile.mkdtemp(prefix="unspoken-"))
+    yield f"unixsock-stream/{folder}/bus"
+    shutil.rmtree(folder)
+
+
+def read_back(config: zenoh.Config, key: str) -> Any:
+    return json.loads(config.get_json(key))
+
+
+EVERYWHERE = {
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": False,
+    "scouting/delay": 0,
+    "transport/shared_memory/enabled": False,
+    "transport/unicast/open_timeout": 1000,
+    "transport/unicast/accept_timeout": 1000,
+    "transport/unicast/accept_pending": 1000,
+    "transport/link/tx/lease": 1000,
+}
+
+
+@pytest.mark.parametrize("session", [world_session, robot_session, bench_session])
+@pytest.mark.parametrize(("key", "value"), EVERYWHERE.items())
+def test_zenoh_reads_the_measured_settings(session: Any, key: str, value: Any) -> None:
+    assert read_back(session(TCP).to_zenoh(), key) == value
+
+
+def test_the_world_is_a_router_that_listens_and_connects_to_nobody() -> None:
+    config = world_session(TCP).to_zenoh()
+    assert read_back(config, "mode") == "router"
+    assert read_back(config, "listen/endpoints") == [TCP]
+    assert read_back(config, "connect/endpoints") == []
+
+
+@pytest.mark.parametrize("session", [robot_session, bench_session])
+def test_robots_and_bench_are_clients_that_wait_for_the_world_and_listen_nowhere(session: Any) -> None:
+    config = session(TCP).to_zenoh()
+    assert read_back(config, "mode") == "client"
+    assert read_back(config, "connect/endpoints") == [TCP]
+    assert read_back(config, "listen/endpoints") == []
+    assert read_back(config, "connect/timeout_ms") == -1
+    assert read_back(config, "connect/exit_on_failure") is False
+    assert read_back(config, "connect/retry") == {
+        "period_init_ms": 100,
+        "period_max_ms": 500,
+        "period_increase_factor": 1.5,
+    }
+
+
+def test_an_endpoint_that_is_none_is_refused() -> None:
+    with pytest.raises(zenoh.ZError):
+        robot_session("nowhere").to_zenoh()
+
+
+class Listener:
+    """A subscription that keeps the sizes of what arrives and lets a test wait for one."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._sizes: Queue[int] = Queue()
+        session.declare_subscriber(KEY, lambda sample: self._sizes.put(len(bytes(sample.payload))))
+
+    def next_size(self) -> int:
+        return self._sizes.get(timeout=PATIENCE_S)
+
+
+def wait_for_a_listener(publisher: zenoh.Publisher) -> None:
+    matched = threading.Event()
+    publisher.declare_matching_listener(lambda status: matched.set() if status.matching else None)
+    assert publisher.matching_status.matching or matched.wait(PATIENCE_S)
+
+
+def test_a_robot_that_was_there_first_hears_the_world_that_comes_later(endpoint: str) -> None:
+    def wait_for_the_world_and_listen() -> int:
+        opening.set()
+        with zenoh.open(robot_session(endpoint).to_zenoh()) as robot:
+            return Listener(robot).next_size()
+
+    opening = threading.Event()
+    with ThreadPoolExecutor(1) as pool:
+        heard = pool.submit(wait_for_the_world_and_listen)
+        assert opening.wait(PATIENCE_S)
+        with zenoh.open(world_session(endpoint).to_zenoh()) as world:
+            publisher = world.declare_publisher(KEY)
+            wait_for_a_listener(publisher)
+            publisher.put(b"hello")
+            assert heard.result(PATIENCE_S) == 5
+
+
+def test_the_largest_payload_passes_both_ways_and_a_larger_one_is_dropped(endpoint: str) -> None:
+    with (
+        zenoh.open(world_session(endpoint).to_zenoh()) as world,
+        zenoh.open(robot_session(endpoint).to_zenoh()) as robot,
+    ):
+        for sender, receiver in ((world, robot), (robot, world)):
+            listener = Listener(receiver)
+            publisher = sender.declare_publisher(KEY, congestion_control=zenoh.CongestionControl.BLOCK)
+            wait_for_a_listener(publisher)
+            for size in (MAX_PAYLOAD_BYTES, MAX_PAYLOAD_BYTES + 4096, 1):
+                publisher.put(bytes(size))
+            assert (listener.next_size(), listener.next_size()) == (MAX_PAYLOAD_BYTES, 1)
+            publisher.undeclare()
+
+
+def test_robots_and_bench_are_linked_to_the_world_and_to_nobody_else(endpoint: str) -> None:
+    with (
+        zenoh.open(world_session(endpoint).to_zenoh()) as world,
+        zenoh.open(robot_session(endpoint).to_zenoh()) as robot,
+        zenoh.open(bench_session(endpoint).to_zenoh()) as bench,
+    ):
+        for client in (robot, bench):
+            assert client.info.routers_zid() == [world.info.zid()]
+            assert client.info.peers_zid() == []
+        assert world.info.peers_zid() == []

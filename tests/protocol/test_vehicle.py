@@ -1,0 +1,178 @@
+"""What a vehicle's limits allow at the next step, and how it comes to a standstill."""
+
+import math
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from protocol.vehicle import STANDSTILL, Input, Limits, braking_input, reachable_inputs
+
+ROUNDING = 1e-9
+STEPS_S = st.sampled_from([0.02, 0.1, 0.25])
+
+
+def numbers(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(low, high, allow_subnormal=False)
+
+
+LIMITS = st.just(Limits()) | st.builds(
+    Limits,
+    speed_mps=numbers(0.1, 6),
+    acceleration_mps2=numbers(0.2, 6),
+    turn_rate_radps=numbers(0.1, 4),
+    jerk_mps3=numbers(0.5, 60),
+    turn_acceleration_radps2=numbers(0.1, 20),
+)
+
+
+@st.composite
+def driving(draw: st.DrawFn) -> tuple[Limits, Input, float]:
+    """Limits, a previous input and a speed within them."""
+    limits = draw(LIMITS)
+    turn_rate = draw(numbers(-1, 1)) * limits.turn_rate_radps
+    acceleration = draw(numbers(-1, 1)) * limits.acceleration_mps2
+    return limits, Input(turn_rate, acceleration), draw(numbers(-1, 1)) * limits.speed_mps
+
+
+def test_from_standing_still_one_step_allows_the_published_rates() -> None:
+    lowest, highest = reachable_inputs(Limits(), STANDSTILL, 0.1)
+    assert highest == pytest.approx((0.05, 0.7))
+    assert lowest == pytest.approx((-0.05, -0.7))
+
+
+def test_at_the_limits_only_the_way_back_is_open() -> None:
+    lowest, highest = reachable_inputs(Limits(), Input(1.57, -3.0), 0.1)
+    assert highest == pytest.approx((1.57, -2.3))
+    assert lowest == pytest.approx((1.52, -3.0))
+
+
+@given(driving(), STEPS_S)
+def test_reachable_inputs_are_a_box_around_the_previous_input_within_limits_and_rates(
+    start: tuple[Limits, Input, float], step_s: float
+) -> None:
+    limits, previous, _ = start
+    lowest, highest = reachable_inputs(limits, previous, step_s)
+    bounds = (limits.turn_rate_radps, limits.acceleration_mps2)
+    rates = (limits.turn_acceleration_radps2, limits.jerk_mps3)
+    for low, at, high, bound, rate in zip(lowest, previous, highest, bounds, rates, strict=True):
+        assert low <= at <= high
+        assert low == -bound or low == pytest.approx(at - rate * step_s)
+        assert high == bound or high == pytest.approx(at + rate * step_s)
+        assert -bound <= low
+        assert high <= bound
+
+
+@given(LIMITS, st.builds(Input, numbers(-50, 50), numbers(-50, 50)), STEPS_S)
+def test_from_any_previous_input_something_within_the_limits_is_reachable(
+    limits: Limits, previous: Input, step_s: float
+) -> None:
+    lowest, highest = reachable_inputs(limits, previous, step_s)
+    assert (
+        -limits.turn_rate_radps <= lowest.turn_rate_radps < highest.turn_rate_radps <= limits.turn_rate_radps
+    )
+    assert -limits.acceleration_mps2 <= lowest.acceleration_mps2 < highest.acceleration_mps2
+    assert highest.acceleration_mps2 <= limits.acceleration_mps2
+
+
+@given(driving(), st.builds(Input, numbers(-9, 9), numbers(-9, 9)), STEPS_S)
+def test_clipping_gives_the_nearest_reachable_input(
+    start: tuple[Limits, Input, float], wanted: Input, step_s: float
+) -> None:
+    limits, previous, _ = start
+    reachable = reachable_inputs(limits, previous, step_s)
+    for got, want, low, high in zip(reachable.clip(wanted), wanted, *reachable, strict=True):
+        assert got == (low if want < low else high if want > high else want)
+
+
+def brake(limits: Limits, previous: Input, speed_mps: float, step_s: float) -> list[tuple[Input, float]]:
+    """Inputs and speeds of the closed loop from the given start until nothing moves any more."""
+    course = [(previous, speed_mps)]
+    longest = 10 + 5 * _time_optimal_stop_s(limits, previous, speed_mps) / step_s
+    while abs(speed_mps) > ROUNDING or abs(previous.acceleration_mps2) > ROUNDING:
+        assert len(course) < longest, "no standstill"
+        previous = braking_input(limits, previous, speed_mps, step_s)
+        speed_mps += step_s * previous.acceleration_mps2
+        course.append((previous, speed_mps))
+    return course
+
+
+def _time_optimal_stop_s(limits: Limits, previous: Input, speed_mps: float) -> float:
+    """Shortest time to v = 0 and a = 0 in continuous time under a jerk and an acceleration limit.
+
+    The known profile: maximum jerk to a peak acceleration, hold it if it is the limit, maximum jerk back.
+    """
+    jerk, limit, now = limits.jerk_mps3, limits.acceleration_mps2, previous.acceleration_mps2
+    left = speed_mps + now * abs(now) / (2 * jerk)  # speed after bringing the acceleration straight to zero
+    sign = -math.copysign(1, left)
+    now, change = sign * now, -sign * speed_mps
+    peak = math.sqrt(max(0.0, jerk * change + now**2 / 2))
+    if peak <= limit:
+        return (2 * peak - now) / jerk
+    return (2 * limit - now) / jerk + (change - (2 * limit**2 - now**2) / (2 * jerk)) / limit
+
+
+def _speed_when_releasing(limits: Limits, previous: Input, speed_mps: float, step_s: float) -> float:
+    """The speed that remains when every step takes as much off the acceleration as the jerk limit allows."""
+    size = abs(previous.acceleration_mps2)
+    while size > 0:
+        size = max(0.0, size - limits.jerk_mps3 * step_s)
+        speed_mps += math.copysign(size, previous.acceleration_mps2) * step_s
+    return speed_mps
+
+
+@given(driving(), STEPS_S)
+def test_braking_takes_at_most_three_steps_more_than_the_time_optimal_stop(
+    start: tuple[Limits, Input, float], step_s: float
+) -> None:
+    steps = len(brake(*start, step_s)) - 1
+    assert steps <= _time_optimal_stop_s(*start) / step_s + 3
+
+
+@given(driving(), STEPS_S)
+def test_braking_never_leaves_the_input_and_rate_limits(
+    start: tuple[Limits, Input, float], step_s: float
+) -> None:
+    limits = start[0]
+    course = [step[0] for step in brake(*start, step_s)]
+    for before, after in pairwise(course):
+        turn_rate_change, acceleration_change = (abs(b - a) for a, b in zip(before, after, strict=True))
+        assert abs(after.turn_rate_radps) <= limits.turn_rate_radps
+        assert abs(after.acceleration_mps2) <= limits.acceleration_mps2
+        assert turn_rate_change <= limits.turn_acceleration_radps2 * step_s + ROUNDING
+        assert acceleration_change <= limits.jerk_mps3 * step_s + ROUNDING
+
+
+@given(driving(), STEPS_S)
+def test_braking_changes_the_sign_of_the_speed_only_as_far_as_the_jerk_limit_makes_unavoidable(
+    start: tuple[Limits, Input, float], step_s: float
+) -> None:
+    """Whoever still decelerates hard when almost standing rolls back, whatever the next inputs are."""
+    _, _, speed = start
+    unavoidable = _speed_when_releasing(*start, step_s)
+    lowest, highest = min(0.0, speed, unavoidable), max(0.0, speed, unavoidable)
+    for _, reached in brake(*start, step_s):
+        assert lowest - ROUNDING <= reached <= highest + ROUNDING
+
+
+@given(driving(), STEPS_S)
+def test_braking_takes_the_turn_rate_to_zero_as_fast_as_allowed(
+    start: tuple[Limits, Input, float], step_s: float
+) -> None:
+    limits, previous, speed = start
+    expected = max(0.0, abs(previous.turn_rate_radps) - limits.turn_acceleration_radps2 * step_s)
+    braked = braking_input(limits, previous, speed, step_s)
+    assert abs(braked.turn_rate_radps) == pytest.approx(expected, abs=ROUNDING)
+    assert braked.turn_rate_radps * previous.turn_rate_radps >= 0
+
+
+def test_a_vehicle_that_stands_stays() -> None:
+    assert braking_input(Limits(), STANDSTILL, 0.0, 0.1) == STANDSTILL
+
+
+@pytest.mark.parametrize("field", Limits.model_fields)
+def test_a_limit_must_be_a_positive_finite_number(field: str) -> None:
+    for wrong in (0.0, -1.0, math.nan, math.inf, "1", True):
+        with pytest.raises(ValueError, match=field):
+            Limits.model_validate({field: wrong})

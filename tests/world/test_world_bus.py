@@ -1,0 +1,74 @@
+"""The world's declarations on a real session, inside the test's own process."""
+
+import shutil
+import tempfile
+import threading
+
+import pytest
+import zenoh
+from world_helpers import EPOCH, lanes
+from world_processes import KEYS, PATIENCE_S
+
+from protocol.codec import decode
+from protocol.messages import Observation, PublicScene
+from protocol.scenario import Sensing
+from protocol.session import robot_session, world_session
+from world.bus import Bus
+from world.inbox import Inbox
+from world.world import World
+
+
+@pytest.fixture
+def sessions():
+    """A world's session and a robot's, connected."""
+    folder = tempfile.mkdtemp(prefix="u")
+    endpoint = f"unixsock-stream/{folder}/s"
+    with (
+        zenoh.open(world_session(endpoint).to_zenoh()) as world,
+        zenoh.open(robot_session(endpoint).to_zenoh()) as robot,
+    ):
+        yield world, robot
+    shutil.rmtree(folder)
+
+
+def declare(session, world, inbox):
+    scene = PublicScene(epoch=EPOCH, scene=lanes(2).scene(with_goals=False))
+    return Bus(session, KEYS, scene, world.robots, inbox)
+
+
+def test_a_robot_that_was_there_before_the_world_listened_is_present(sessions):
+    ours, theirs = sessions
+    seen = threading.Event()
+    watcher = ours.liveliness().declare_subscriber(KEYS.everyone_alive, lambda _: seen.set())
+    token = theirs.liveliness().declare_token(KEYS.alive("1"))
+    assert seen.wait(PATIENCE_S)
+    watcher.undeclare()
+    inbox = Inbox(["1", "2"])
+    declare(ours, World(lanes(2), seed=0, epoch=EPOCH), inbox)
+    assert inbox.take(PATIENCE_S).present == {"1"}
+    token.undeclare()
+    arrivals = inbox.take(PATIENCE_S)
+    assert (arrivals.present, arrivals.gone) == (frozenset(), {"1"})
+
+
+def test_each_robot_gets_its_own_observation_only(sessions):
+    ours, theirs = sessions
+    got = []
+    done = threading.Event()
+
+    def keep(sample):
+        got.append((str(sample.key_expr), decode(Observation, sample.payload.to_bytes())))
+        if len(got) == 2:
+            done.set()
+
+    listener = theirs.declare_subscriber("unspoken/run/pose/*", keep)
+    world = World(lanes(2, sensing=Sensing(position_noise_m=0.1)), seed=0, epoch=EPOCH)
+    token = theirs.liveliness().declare_token(KEYS.alive("1"))
+    inbox = Inbox(world.robots)
+    bus = declare(ours, world, inbox)
+    assert inbox.take(PATIENCE_S).present == {"1"}
+    bus.publish_observations(world.observations())
+    assert done.wait(PATIENCE_S)
+    assert dict(got) == {KEYS.pose(robot): seen for robot, seen in world.observations().items()}
+    listener.undeclare()
+    token.undeclare()

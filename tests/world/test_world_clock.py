@@ -1,0 +1,59 @@
+import pytest
+
+from world.clock import LockStep, RealTime
+
+
+class Time:
+    """A clock that the test sets."""
+
+    def __init__(self):
+        self.now_s = 1000.0
+
+    def __call__(self):
+        return self.now_s
+
+
+def test_lock_step_gives_every_step_the_whole_answer_time():
+    time = Time()
+    clock = LockStep(30.0, time)
+    assert clock.waits_for_all
+    for _ in range(3):
+        clock.begin_step()
+        assert clock.remaining_s() == 30.0
+        time.now_s += 12.5
+        assert clock.remaining_s() == 17.5
+    time.now_s += 17.5
+    assert clock.remaining_s() == 0.0
+    assert clock.overruns == 0
+
+
+def begin_at(clock, time, *times_s):
+    """Begin steps at these times after the start; when after the start each next step is due."""
+    due = []
+    for after_s in times_s:
+        time.now_s = 1000.0 + after_s
+        clock.begin_step()
+        due.append(after_s + clock.remaining_s())
+    return due
+
+
+def test_real_time_publishes_step_k_at_start_plus_k_steps():
+    time = Time()
+    clock = RealTime(0.1, time)
+    assert not clock.waits_for_all
+    assert begin_at(clock, time, 0.0, 0.1, 0.2, 0.3) == pytest.approx([0.1, 0.2, 0.3, 0.4])
+
+
+def test_small_delays_of_a_real_time_step_do_not_add_up():
+    time = Time()
+    clock = RealTime(0.1, time)
+    assert begin_at(clock, time, 0.0, 0.109, 0.209, 0.305, 0.4)[-1] == pytest.approx(0.5)
+    assert clock.overruns == 0
+
+
+def test_an_overrun_moves_the_schedule_instead_of_causing_a_burst():
+    time = Time()
+    clock = RealTime(0.1, time)
+    due = begin_at(clock, time, 0.0, 0.1, 0.75, 0.85, 0.95)
+    assert due == pytest.approx([0.1, 0.2, 0.85, 0.95, 1.05])
+    assert clock.overruns == 1

@@ -1,0 +1,72 @@
+import threading
+
+import pytest
+
+from world.inbox import PENDING_COMMANDS, Inbox
+
+
+def test_commands_are_taken_once_and_in_their_order():
+    inbox = Inbox(["1", "2"])
+    for robot, payload in (("2", b"a"), ("1", b"b"), ("2", b"c")):
+        inbox.store_command(robot, payload)
+    commands = inbox.take(0.0).commands
+    assert [payload for robot, payload in commands if robot == "2"] == [b"a", b"c"]
+    assert [payload for robot, payload in commands if robot == "1"] == [b"b"]
+    assert inbox.take(0.0).commands == ()
+
+
+@pytest.mark.parametrize("flooder", ["2", "9"])
+def test_a_flood_is_bounded_and_pushes_out_no_other_robots_command(flooder):
+    inbox = Inbox(["1", "2"])
+    inbox.store_command("1", b"mine")
+    for number in range(10 * PENDING_COMMANDS):
+        inbox.store_command(flooder, str(number).encode())
+    commands = inbox.take(0.0).commands
+    assert len(commands) == 1 + PENDING_COMMANDS
+    assert ("1", b"mine") in commands
+    assert commands[-1] == (flooder, str(10 * PENDING_COMMANDS - 1).encode())
+
+
+def test_presence_lasts_and_a_departure_is_told_once_even_if_the_robot_is_back():
+    inbox = Inbox(["1", "2"])
+    inbox.store_presence("1", present=True)
+    inbox.store_presence("2", present=True)
+    assert inbox.take(0.0).present == {"1", "2"}
+    inbox.store_presence("2", present=False)
+    inbox.store_presence("2", present=True)
+    arrivals = inbox.take(0.0)
+    assert (arrivals.present, arrivals.gone) == ({"1", "2"}, {"2"})
+    inbox.store_presence("1", present=False)
+    arrivals = inbox.take(0.0)
+    assert (arrivals.present, arrivals.gone) == ({"2"}, {"1"})
+    assert inbox.take(0.0).gone == frozenset()
+
+
+NEWS = {
+    "a command": lambda inbox: inbox.store_command("1", b""),
+    "a token": lambda inbox: inbox.store_presence("1", present=True),
+    "a lost token": lambda inbox: inbox.store_presence("1", present=False),
+    "an interruption": lambda inbox: inbox.interrupt(),
+}
+
+
+@pytest.mark.parametrize("happen", NEWS.values(), ids=NEWS.keys())
+def test_a_waiting_inbox_wakes_on_news(happen):
+    inbox = Inbox(["1"])
+    empty = inbox.take(0.0)
+    teller = threading.Thread(target=happen, args=(inbox,))
+    teller.start()
+    arrivals = inbox.take(250.0)  # without a wake-up the test's own timeout is near
+    teller.join()
+    assert arrivals != empty
+
+
+def test_an_interrupted_inbox_never_waits_again():
+    inbox = Inbox(["1"])
+    inbox.interrupt()
+    assert [inbox.take(250.0).interrupted for _ in range(3)] == [True] * 3
+
+
+def test_without_news_the_hands_stay_empty():
+    arrivals = Inbox(["1"]).take(0.01)
+    assert arrivals == ((), frozenset(), frozenset(), False)

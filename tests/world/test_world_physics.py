@@ -1,0 +1,90 @@
+import math
+
+import pytest
+
+from protocol.vehicle import STANDSTILL, Input, Limits
+from world.physics import VehicleState, drive
+
+STEP_S = 0.1
+FREE = Limits(jerk_mps3=1000.0, turn_acceleration_radps2=1000.0)
+
+
+def roll(limits, state, wanted, steps, previous=STANDSTILL):
+    states = [state]
+    for _ in range(steps):
+        state, previous, _ = drive(limits, state, previous, wanted, STEP_S)
+        states.append(state)
+    return states
+
+
+def test_constant_acceleration_on_a_straight_line_follows_the_euler_sums():
+    heading = 0.6
+    states = roll(FREE, VehicleState(1.0, -2.0, heading, 0.0), Input(0.0, 1.5), 20)
+    for n, state in enumerate(states):
+        way = 1.5 * STEP_S**2 * n * (n - 1) / 2.0
+        assert state.speed_mps == pytest.approx(1.5 * STEP_S * n, abs=1e-12)
+        assert state.x_m == pytest.approx(1.0 + way * math.cos(heading), abs=1e-12)
+        assert state.y_m == pytest.approx(-2.0 + way * math.sin(heading), abs=1e-12)
+
+
+def test_the_first_step_from_standstill_moves_nothing():
+    state = roll(FREE, VehicleState(3.0, 4.0, 0.0, 0.0), Input(1.0, 3.0), 1)[-1]
+    assert (state.x_m, state.y_m) == (3.0, 4.0)
+    assert (state.heading_rad, state.speed_mps) == pytest.approx((0.1, 0.3))
+
+
+@pytest.mark.parametrize(("speed", "turn_rate"), [(2.0, 1.0), (2.0, -1.5), (-1.0, 0.7)])
+def test_constant_speed_and_turn_rate_drive_a_regular_polygon(speed, turn_rate):
+    states = roll(FREE, VehicleState(0.0, 0.0, 0.3, speed), Input(turn_rate, 0.0), 60)
+    # Chords of length |v|·Δt that turn by ω·Δt lie on a circle of this radius (v/ω as Δt → 0); its centre
+    # lies to the left of v·ω > 0, at a right angle to the direction halfway between two chords.
+    signed = speed * STEP_S / (2.0 * math.sin(turn_rate * STEP_S / 2.0))
+    across = 0.3 - turn_rate * STEP_S / 2.0
+    centre = (-signed * math.sin(across), signed * math.cos(across))
+    for state in states:
+        assert math.dist((state.x_m, state.y_m), centre) == pytest.approx(abs(signed), abs=1e-12)
+    assert abs(signed) == pytest.approx(abs(speed / turn_rate), rel=2e-3)
+
+
+def test_the_heading_runs_on_through_whole_turns():
+    state = roll(FREE, VehicleState(0.0, 0.0, 3.0, 0.0), Input(1.5, 0.0), 100)[-1]
+    assert state.heading_rad == pytest.approx(3.0 + 15.0)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_speed_stays_at_its_limit_and_can_leave_it_at_once(sign):
+    limits = Limits(speed_mps=1.0)
+    top = VehicleState(0.0, 0.0, 0.0, sign * 0.95)
+    state, applied, clipped = drive(limits, top, Input(0.0, sign * 1.0), Input(0.0, sign * 1.0), STEP_S)
+    assert state.speed_mps == sign * 1.0
+    assert applied.acceleration_mps2 == pytest.approx(sign * 0.5)
+    assert clipped
+    state, applied, clipped = drive(limits, state, applied, Input(0.0, sign * 0.5), STEP_S)
+    assert (state.speed_mps, applied.acceleration_mps2, clipped) == (sign * 1.0, 0.0, True)
+    state, applied, clipped = drive(limits, state, applied, Input(0.0, sign * -0.7), STEP_S)
+    assert state.speed_mps == pytest.approx(sign * 0.93)
+    assert not clipped
+
+
+@pytest.mark.parametrize(
+    ("previous", "wanted", "expected"),
+    [
+        (Input(0.0, 0.0), Input(1.57, 3.0), Input(0.05, 0.7)),
+        (Input(0.0, 0.0), Input(-1.57, -3.0), Input(-0.05, -0.7)),
+        (Input(1.55, 2.9), Input(5.0, 5.0), Input(1.57, 3.0)),
+        (Input(-1.55, -2.9), Input(-5.0, -5.0), Input(-1.57, -3.0)),
+        (Input(0.5, 1.0), Input(0.52, 0.4), Input(0.52, 0.4)),
+    ],
+)
+def test_inputs_are_held_within_the_published_limits_and_rates(previous, wanted, expected):
+    _, applied, clipped = drive(Limits(), VehicleState(0.0, 0.0, 0.0, 0.0), previous, wanted, STEP_S)
+    assert applied == pytest.approx(expected)
+    assert clipped == (wanted != expected)
+
+
+@pytest.mark.parametrize(("beyond", "clipped"), [(0.0, False), (5e-7, False), (5e-6, True)])
+def test_a_rounding_error_beyond_a_limit_is_applied_as_the_limit_but_is_no_violation(beyond, clipped):
+    wanted = Input(0.0, 0.7 + beyond)
+    _, applied, was_clipped = drive(Limits(), VehicleState(0, 0, 0, 0), STANDSTILL, wanted, STEP_S)
+    assert applied.acceleration_mps2 == pytest.approx(0.7, abs=1e-12)
+    assert was_clipped == clipped

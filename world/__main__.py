@@ -1,0 +1,101 @@
+"""``python -m world``: the command line of the world's process."""
+
+from typing import Annotated
+
+import typer
+
+from protocol.keys import Keys
+from protocol.scenario_file import ScenarioError, load_scenario
+from scenarios import find
+from world.process import ClockKind, EndpointError, ExitStatus, WorldOptions, run_world
+from world.run import RobotsMissingError
+
+LONGEST_WAIT_S = 86_400.0
+
+
+def _run_name(value: str) -> str:
+    try:
+        return Keys(value).run
+    except ValueError:
+        raise typer.BadParameter(
+            f"{value!r} is no name of a run: 1 to 32 letters, digits, '-' or '_' are expected, "
+            "a letter or a digit first"
+        ) from None
+
+
+def _seconds(value: float) -> float:
+    if not 0.0 <= value <= LONGEST_WAIT_S:  # also refuses NaN
+        raise typer.BadParameter(f"{value} found, 0 to {LONGEST_WAIT_S:g} seconds are expected")
+    return value
+
+
+def main(
+    scenario: Annotated[
+        str,
+        typer.Option(
+            envvar="UNSPOKEN_SCENARIO", help="Scenario file, or the name of a bundled one such as 8a."
+        ),
+    ],
+    listen: Annotated[
+        str, typer.Option(envvar="UNSPOKEN_LISTEN", help="Zenoh endpoint at which robots connect.")
+    ] = "tcp/127.0.0.1:7447",
+    run: Annotated[
+        str,
+        typer.Option(
+            envvar="UNSPOKEN_RUN", callback=_run_name, help="Name of the run, first part of all its keys."
+        ),
+    ] = "run",
+    clock: Annotated[
+        ClockKind,
+        typer.Option(
+            envvar="UNSPOKEN_CLOCK",
+            help="Wait for every robot at every step, or publish one step every Δt.",
+        ),
+    ] = ClockKind.LOCKSTEP,
+    seed: Annotated[
+        int, typer.Option(envvar="UNSPOKEN_SEED", min=0, help="Of sensor noise and dropouts.")
+    ] = 0,
+    exchange_goals: Annotated[
+        bool,
+        typer.Option(
+            "--exchange-goals", envvar="UNSPOKEN_EXCHANGE_GOALS", help="Tell every robot all goals."
+        ),
+    ] = False,
+    start_timeout: Annotated[
+        float,
+        typer.Option(
+            envvar="UNSPOKEN_START_TIMEOUT",
+            callback=_seconds,
+            help="Seconds to wait for all robots at the start.",
+        ),
+    ] = 60.0,
+    answer_timeout: Annotated[
+        float,
+        typer.Option(
+            envvar="UNSPOKEN_ANSWER_TIMEOUT",
+            callback=_seconds,
+            help="Seconds to wait for the commands of one step in lock-step.",
+        ),
+    ] = 120.0,
+) -> None:
+    """Simulate and referee one run.
+
+    Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage or
+    scenario, 3 robots were missing at the start or the endpoint could not be opened.
+    """
+    try:
+        loaded = load_scenario(find(scenario))
+    except ScenarioError as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(ExitStatus.WRONG_USAGE) from None
+    options = WorldOptions(loaded, listen, run, clock, seed, exchange_goals, start_timeout, answer_timeout)
+    try:
+        status = run_world(options)
+    except (EndpointError, RobotsMissingError) as error:
+        typer.echo(f"world: {error}", err=True)
+        raise typer.Exit(ExitStatus.FAILED) from None
+    raise typer.Exit(status)
+
+
+if __name__ == "__main__":
+    typer.run(main)

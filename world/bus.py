@@ -1,0 +1,66 @@
+"""The world's side of the bus."""
+
+from collections.abc import Mapping
+
+import zenoh
+
+from protocol.codec import encode
+from protocol.keys import Keys
+from protocol.messages import Observation, PublicScene, Truth
+from world.inbox import Inbox
+
+
+class Bus:
+    """Everything the world declares on its session, and what it publishes there.
+
+    Poses are dropped rather than awaited when a robot does not take them, since one stopped robot would
+    otherwise hold up the whole world. Truths are never dropped: the bench records every one.
+
+    Args:
+        session: open for as long as the bus is used.
+        keys: of this run.
+        scene: the answer to queries of the scene.
+        robots: ids of the robots that get observations.
+        inbox: where commands and liveliness go.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, keys: Keys, scene: PublicScene, robots: tuple[str, ...], inbox: Inbox
+    ) -> None:
+        payload = encode(scene)
+
+        def answer(query: zenoh.Query) -> None:
+            with query:
+                query.reply(keys.scene, payload)
+
+        def store_command(sample: zenoh.Sample) -> None:
+            inbox.store_command(keys.robot_of(str(sample.key_expr)), sample.payload.to_bytes())
+
+        def store_presence(sample: zenoh.Sample) -> None:
+            present = sample.kind == zenoh.SampleKind.PUT
+            inbox.store_presence(keys.robot_of(str(sample.key_expr)), present=present)
+
+        self._poses = {
+            robot: session.declare_publisher(
+                keys.pose(robot),
+                congestion_control=zenoh.CongestionControl.DROP,
+                priority=zenoh.Priority.REAL_TIME,
+            )
+            for robot in robots
+        }
+        self._truth = session.declare_publisher(keys.truth, congestion_control=zenoh.CongestionControl.BLOCK)
+        # Presence comes last: a robot that is seen as present can be sure that all else is there.
+        self._declared = (
+            session.declare_queryable(keys.scene, answer),
+            session.declare_subscriber(keys.every_command, store_command),
+            session.liveliness().declare_subscriber(keys.everyone_alive, store_presence, history=True),
+        )
+
+    def publish_observations(self, observations: Mapping[str, Observation]) -> None:
+        """Give each robot its own observation."""
+        for robot, observation in observations.items():
+            self._poses[robot].put(encode(observation))
+
+    def publish_truth(self, truth: Truth) -> None:
+        """Give the bench the truth."""
+        self._truth.put(encode(truth))

@@ -1,0 +1,123 @@
+"""The world's process: a session around a run, and signals that end it."""
+
+import re
+import secrets
+import signal
+import threading
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+from types import FrameType
+
+import structlog
+import zenoh
+
+from protocol.keys import Keys
+from protocol.messages import PublicScene
+from protocol.scenario import Scenario
+from protocol.session import world_session
+from world.bus import Bus
+from world.clock import Clock, LockStep, RealTime
+from world.inbox import Inbox
+from world.run import Run
+from world.world import World
+
+
+class ExitStatus(IntEnum):
+    """How the process ends."""
+
+    ARRIVED = 0
+    ENDED_OTHERWISE = 1
+    WRONG_USAGE = 2
+    FAILED = 3
+
+
+class ClockKind(StrEnum):
+    """The choice of a clock."""
+
+    LOCKSTEP = "lockstep"
+    REALTIME = "realtime"
+
+
+@dataclass(frozen=True)
+class WorldOptions:
+    """What a world process is told at its start."""
+
+    scenario: Scenario
+    listen: str
+    run: str
+    clock: ClockKind
+    seed: int
+    exchange_goals: bool
+    start_timeout_s: float
+    answer_timeout_s: float
+
+
+class EndpointError(Exception):
+    """The endpoint cannot be opened; the text says why and what to do."""
+
+
+def run_world(options: WorldOptions) -> ExitStatus:
+    """Hold one run, from the opening of the session to the verdict.
+
+    SIGINT and SIGTERM end it with the verdict "interrupted". The session's closing hands on what was
+    published last, as long as its readers keep up: a reader whose callback lags more than a quarter of
+    a second behind may lose the end.
+
+    Raises:
+        EndpointError: the endpoint cannot be opened.
+        RobotsMissingError: robots were missing at the start.
+    """
+    log = structlog.get_logger("world")
+    scenario = options.scenario
+    keys = Keys(options.run)
+    epoch = secrets.randbits(63)
+    world = World(scenario, seed=options.seed, epoch=epoch)
+    scene = PublicScene(epoch=epoch, scene=scenario.scene(with_goals=options.exchange_goals))
+    inbox = Inbox(world.robots)
+    _interrupt_on_signals(inbox)
+    with _open_session(options.listen) as session:
+        bus = Bus(session, keys, scene, world.robots, inbox)
+        log.info(
+            "world started",
+            scenario=scenario.name,
+            robots=len(world.robots),
+            listen=options.listen,
+            run=options.run,
+            clock=options.clock.value,
+            seed=options.seed,
+            exchange_goals=options.exchange_goals,
+            epoch=epoch,
+        )
+        run = Run(world, _clock(options), inbox, bus, log)
+        run.wait_for_robots(options.start_timeout_s)
+        verdict = run.drive().verdict
+    return ExitStatus.ARRIVED if verdict == "arrived" else ExitStatus.ENDED_OTHERWISE
+
+
+def _clock(options: WorldOptions) -> Clock:
+    if options.clock is ClockKind.REALTIME:
+        return RealTime(options.scenario.step_s)
+    return LockStep(options.answer_timeout_s)
+
+
+def _open_session(listen: str) -> zenoh.Session:
+    try:
+        return zenoh.open(world_session(listen).to_zenoh())
+    except zenoh.ZError as error:
+        reason = re.sub(r" at /\S+?\.rs:\d+\.?", "", str(error))  # places in Zenoh's own source
+        raise EndpointError(
+            f"the endpoint {listen} cannot be opened: {reason}. If another world listens there, end it or "
+            "choose another endpoint with --listen, such as tcp/127.0.0.1:7448."
+        ) from error
+
+
+def _interrupt_on_signals(inbox: Inbox) -> None:
+    """Turn SIGINT and SIGTERM into an interruption of the run."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        # The handler runs inside the main thread, which may be just about to wait and would miss the
+        # call; another thread gets the inbox's lock only when the main thread really waits.
+        threading.Thread(target=inbox.interrupt).start()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, interrupt)

@@ -1,0 +1,111 @@
+"""The referee: arrivals, collisions, distances, deadlock and the verdict."""
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from itertools import combinations
+
+from protocol.arrival import has_arrived
+from protocol.messages import Verdict
+from protocol.scenario import Scenario
+from world.physics import VehicleState
+
+DEADLOCK_WINDOW_S = 5.0
+DEADLOCK_DISTANCE_M = 0.05
+
+
+class Referee:
+    """Judges a run by the true states at the steps; what lies between two steps is not looked at.
+
+    - A robot has arrived at the first step at which the arrival rule holds; it stays arrived.
+    - Two robots have collided when their centres come closer than their radii allow. The run goes on.
+    - Deadlock: before all have arrived, every robot has driven less than 0.05 m within the last 5 s. The
+      driven way counts, not the displacement, so a robot manoeuvring on the spot is not taken for a
+      standing one.
+    - The run ends when all have arrived, on deadlock, at the first step at or after the time limit, or when
+      it is interrupted. Of several verdicts the worst is given: interrupted, then collision, then deadlock,
+      then timeout; a run whose last robot arrives at the very time limit has arrived.
+
+    Attributes:
+        arrived_s: time of arrival of each robot, None before it.
+        driven_m: way driven by each robot, Σ |Δp|.
+        minimum_distance_m: smallest distance of two centres so far, None with a single robot.
+        collisions: pairs that have collided, each once, in the order of their collisions.
+        verdict: None while the run goes on.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._step_s = scenario.step_s
+        self._tolerance = scenario.arrival_tolerance
+        self._goals = {robot.id: robot.goal_pose().as_state() for robot in scenario.robots}
+        scene = scenario.scene(with_goals=False)
+        self._collision_distance_m = {
+            pair: scene.collision_distance_m(*pair) for pair in combinations(self._goals, 2)
+        }
+        self._last_step = _steps_in(scenario.time_limit_s, scenario.step_s)
+        self._before: Mapping[str, VehicleState] | None = None
+        self._driven_before: deque[dict[str, float]] = deque(
+            maxlen=_steps_in(DEADLOCK_WINDOW_S, scenario.step_s) + 1
+        )
+        self.arrived_s: dict[str, float | None] = dict.fromkeys(self._goals)
+        self.driven_m = dict.fromkeys(self._goals, 0.0)
+        self.minimum_distance_m: float | None = None
+        self.collisions: tuple[tuple[str, str], ...] = ()
+        self.verdict: Verdict | None = None
+
+    def watch(self, step: int, states: Mapping[str, VehicleState]) -> None:
+        """Judge one step; to be called for every step from 0 on.
+
+        Args:
+            step: its number.
+            states: true states of all robots at this step.
+        """
+        self._measure_way(states)
+        self._measure_distances(states)
+        for robot, goal in self._goals.items():
+            if self.arrived_s[robot] is None and has_arrived(states[robot], goal, self._tolerance):
+                self.arrived_s[robot] = step * self._step_s
+        self.verdict = self._judge(step)
+
+    def interrupt(self) -> None:
+        """End a run that goes on with the verdict "interrupted"."""
+        if self.verdict is None:
+            self.verdict = "interrupted"
+
+    def _measure_way(self, states: Mapping[str, VehicleState]) -> None:
+        if self._before is not None:
+            for robot, now in states.items():
+                before = self._before[robot]
+                self.driven_m[robot] += math.hypot(now.x_m - before.x_m, now.y_m - before.y_m)
+        self._before = states
+        self._driven_before.append(dict(self.driven_m))
+
+    def _measure_distances(self, states: Mapping[str, VehicleState]) -> None:
+        for (one, other), least_m in self._collision_distance_m.items():
+            a, b = states[one], states[other]
+            distance_m = math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
+            if self.minimum_distance_m is None or distance_m < self.minimum_distance_m:
+                self.minimum_distance_m = distance_m
+            if distance_m < least_m and (one, other) not in self.collisions:
+                self.collisions += ((one, other),)
+
+    def _judge(self, step: int) -> Verdict | None:
+        verdict: Verdict | None = None
+        if None not in self.arrived_s.values():
+            verdict = "arrived"
+        elif self._nobody_moves():
+            verdict = "deadlock"
+        elif step >= self._last_step:
+            verdict = "timeout"
+        return "collision" if verdict and self.collisions else verdict
+
+    def _nobody_moves(self) -> bool:
+        if len(self._driven_before) < (self._driven_before.maxlen or 0):
+            return False
+        then = self._driven_before[0]
+        return all(driven - then[robot] < DEADLOCK_DISTANCE_M for robot, driven in self.driven_m.items())
+
+
+def _steps_in(duration_s: float, step_s: float) -> int:
+    """The first step at or after a duration; a quotient that is whole up to rounding is taken as whole."""
+    return math.ceil(duration_s / step_s - 1e-9)

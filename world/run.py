@@ -1,0 +1,176 @@
+"""A run from the start barrier to the verdict, over any bus."""
+
+import time
+from collections.abc import Mapping
+from typing import Protocol
+
+from structlog.typing import FilteringBoundLogger
+
+from protocol.codec import MessageError, decode
+from protocol.messages import Command, Observation, Truth
+from world.clock import Clock
+from world.inbox import Arrivals, Inbox
+from world.notices import Misses, Refusals
+from world.world import World
+
+
+class RobotsMissingError(Exception):
+    """Robots did not come in time; the text names them."""
+
+
+class Publishes(Protocol):
+    """Where observations and truths go."""
+
+    def publish_observations(self, observations: Mapping[str, Observation]) -> None:
+        """Give each robot its own observation."""
+
+    def publish_truth(self, truth: Truth) -> None:
+        """Give the bench the truth."""
+
+
+class Run:
+    """Steps a world: publish, gather commands, advance, until the referee ends it.
+
+    Each step's observations go out first and its truth second. The last truth carries the verdict. An
+    interrupted run repeats the truth of its present step for that, so every truth message but that one has a
+    step of its own.
+
+    Args:
+        world: not yet advanced.
+        clock: how long a step lasts.
+        inbox: what arrives from the robots.
+        bus: where messages go.
+        log: for people.
+    """
+
+    def __init__(
+        self, world: World, clock: Clock, inbox: Inbox, bus: Publishes, log: FilteringBoundLogger
+    ) -> None:
+        self._world = world
+        self._clock = clock
+        self._inbox = inbox
+        self._bus = bus
+        self._log = log
+        self._refusals = Refusals(log)
+        self._misses = Misses(log)
+        self._present: frozenset[str] = frozenset()
+        self._interrupted = False
+        self._awaited: set[str] = set()
+        self._answers: dict[str, Command] = {}
+
+    def wait_for_robots(self, timeout_s: float) -> None:
+        """The start barrier: return when every robot of the scenario is present, or on an interruption.
+
+        Raises:
+            RobotsMissingError: not all of them were present after the time limit.
+        """
+        until_s = time.monotonic() + timeout_s
+        told = None
+        arrivals = self._inbox.take(0.0)
+        while not arrivals.interrupted and (missing := self._missing(arrivals)):
+            strangers = ", ".join(sorted(arrivals.present.difference(self._world.robots))) or None
+            if told != (missing, strangers):
+                self._log.info("waiting for robots", missing=missing, not_in_scenario=strangers)
+                told = (missing, strangers)
+            remaining_s = until_s - time.monotonic()
+            if remaining_s <= 0.0:
+                raise RobotsMissingError(
+                    f"not all robots came within {timeout_s:g} s; missing: {missing}. Step 0 was not "
+                    "published. Start the missing robots with the same run name and the endpoint of this "
+                    "world, or allow more time with --start-timeout."
+                )
+            arrivals = self._inbox.take(remaining_s)
+        self._present = arrivals.present
+        self._interrupted = arrivals.interrupted
+        if not self._interrupted:
+            self._log.info("all robots present", robots=", ".join(self._world.robots))
+
+    def drive(self) -> Truth:
+        """Run from step 0 to the end.
+
+        Returns:
+            The last truth, with the verdict; it has been published.
+        """
+        while not self._interrupted and not self._world.over:
+            self._begin_step()
+            self._bus.publish_observations(self._world.observations())
+            self._bus.publish_truth(self._world.truth())
+            self._gather()
+            if not self._interrupted:
+                self._misses.add(robot for robot in self._world.robots if robot not in self._answers)
+                self._world.advance(self._answers)
+        self._world.interrupt()
+        truth = self._world.truth()
+        self._bus.publish_truth(truth)
+        self._misses.tell()
+        self._log.info(
+            "run ended",
+            verdict=truth.verdict,
+            step=truth.step,
+            time_s=round(truth.time_s, 6),
+            refused_commands=dict(self._refusals.counts),
+            overruns=self._clock.overruns,
+        )
+        return truth
+
+    def _missing(self, arrivals: Arrivals) -> str:
+        return ", ".join(robot for robot in self._world.robots if robot not in arrivals.present)
+
+    def _begin_step(self) -> None:
+        """Await the robots that are present before the step is published, and no others.
+
+        A robot that comes later may have missed the observation and cannot be expected to answer it.
+        """
+        self._answers = {}
+        self._awaited = set()
+        self._receive(0.0)
+        self._awaited = set(self._present.intersection(self._world.robots))
+        self._clock.begin_step()
+
+    def _gather(self) -> None:
+        """Collect the step's commands until the clock, or the last awaited answer, ends it."""
+        self._receive(0.0)
+        while not self._interrupted and (remaining_s := self._clock.remaining_s()) > 0.0:
+            if self._clock.waits_for_all and self._awaited <= self._answers.keys():
+                return
+            self._receive(remaining_s)
+
+    def _receive(self, timeout_s: float) -> None:
+        arrivals = self._inbox.take(timeout_s)
+        self._interrupted = arrivals.interrupted
+        self._awaited -= arrivals.gone
+        self._tell_presence(arrivals)
+        for robot, payload in arrivals.commands:
+            self._judge(robot, payload)
+
+    def _tell_presence(self, arrivals: Arrivals) -> None:
+        for robot in self._world.robots:
+            if robot in self._present and robot in arrivals.gone | (self._present - arrivals.present):
+                self._log.warning("robot lost", robot=robot, step=self._world.step)
+            if robot in arrivals.present and robot in arrivals.gone | (arrivals.present - self._present):
+                self._log.info("robot returned", robot=robot, step=self._world.step)
+        self._present = arrivals.present
+
+    def _judge(self, robot: str, payload: bytes) -> None:
+        """Keep the first command that answers the step; refuse what does not."""
+        if robot not in self._world.robots:
+            # Told under one name: whoever invents robots does not fill the log.
+            self._refusals.add("unknown", "robot is not in the scenario", f"robot {robot:.40}")
+            return
+        try:
+            command = decode(Command, payload)
+        except MessageError as error:
+            self._refusals.add(robot, "not a valid message", str(error))
+            return
+        reason = self._world.refusal(robot, command)
+        if reason is None and robot in self._answers:
+            reason = "answers a step again"
+        if reason is None:
+            self._answers[robot] = command
+        else:
+            self._refusals.add(
+                robot,
+                reason,
+                f"command of robot {command.robot}, epoch {command.epoch}, step {command.step} "
+                f"at step {self._world.step}",
+            )

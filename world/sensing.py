@@ -1,0 +1,66 @@
+"""What one robot's sensors see: range, noise and dropouts, from a random stream of its own."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from protocol.arrival import wrap_angle
+from protocol.messages import State
+from protocol.scenario import Sensing
+from world.physics import VehicleState
+
+
+class Sensors:
+    """The sensors of one observer.
+
+    Every step draws one uniform and four normal numbers for every robot of the run, whatever is in view.
+    What an observer sees of one robot therefore never depends on where another robot is.
+
+    Args:
+        observer: id of the robot that carries the sensors.
+        sensing: their quality.
+        seed: of the run.
+        index: the observer's place in the scenario; with the seed it fixes the random stream.
+    """
+
+    def __init__(self, observer: str, sensing: Sensing, *, seed: int, index: int) -> None:
+        self._observer = observer
+        self._range_m = math.inf if sensing.range_m is None else sensing.range_m
+        self._dropout = sensing.dropout
+        self._sigma = np.array(
+            [
+                sensing.position_noise_m,
+                sensing.position_noise_m,
+                sensing.heading_noise_rad,
+                sensing.speed_noise_mps,
+            ]
+        )
+        self._random = np.random.default_rng(np.random.SeedSequence((seed, index)))
+
+    def see(self, states: Mapping[str, VehicleState]) -> dict[str, State]:
+        """Observe all robots once; every call draws anew.
+
+        The observer is always in its own view, with noise; range (of the true positions) and dropouts concern
+        the others.
+
+        Args:
+            states: true states of all robots, the same robots in the same order at every call.
+
+        Returns:
+            The robots in view with their measured states, headings wrapped to [−π, π].
+        """
+        own = states[self._observer]
+        lots = self._random.random(len(states))
+        errors = (self._random.standard_normal((len(states), 4)) * self._sigma).tolist()
+        view = {}
+        for (robot, state), lot, error in zip(states.items(), lots, errors, strict=True):
+            distance_m = math.hypot(state.x_m - own.x_m, state.y_m - own.y_m)
+            if robot == self._observer or (distance_m <= self._range_m and lot >= self._dropout):
+                view[robot] = message_state(*(true + off for true, off in zip(state, error, strict=True)))
+        return view
+
+
+def message_state(x_m: float, y_m: float, heading_rad: float, speed_mps: float) -> State:
+    """A state as messages carry it: with its heading wrapped to [−π, π]."""
+    return State(x_m=x_m, y_m=y_m, heading_rad=wrap_angle(heading_rad), speed_mps=speed_mps)
