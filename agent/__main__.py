@@ -3,14 +3,13 @@
 import signal
 from typing import Annotated
 
-import click
 import typer
 import zenoh
 from pydantic import TypeAdapter, ValidationError
 
-from agent.estimation import ESTIMATORS
+from agent.estimation import GoalsName
 from agent.process import RobotOptions, RobotProcess, SceneError
-from agent.solver import SOLVERS
+from agent.solver import SolverName
 from protocol.codec import MessageError
 from protocol.keys import Name
 from protocol.scene import Goal
@@ -73,18 +72,16 @@ def main(
         ),
     ] = "run",
     goals: Annotated[
-        str,
+        GoalsName,
         typer.Option(
             envvar="UNSPOKEN_GOALS",
-            click_type=click.Choice(list(ESTIMATORS)),
             help="How the goals of all robots are estimated.",
         ),
     ] = "ioc",
     solver: Annotated[
-        str,
+        SolverName,
         typer.Option(
             envvar="UNSPOKEN_SOLVER",
-            click_type=click.Choice(list(SOLVERS)),
             help="What solves the trajectory problems.",
         ),
     ] = "reference",

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from agent.acting import first_input, without_a_plan
-from agent.estimation import ESTIMATORS
+from agent.estimation import ESTIMATORS, GoalsName
 from agent.memory import Memory
 from agent.planning import Plan, Planner, plan_of
 from agent.prediction import Prediction, Predictor
-from agent.solver import SOLVERS
+from agent.solver import SOLVERS, SolverName
 from agent.stopwatch import Clock, Stopwatch
 from agent.vehicle import Array
 from protocol.arrival import has_arrived, nearest_turn, wrap_angle
@@ -60,7 +60,7 @@ class Agent:
     """
 
     def __init__(
-        self, robot: str, goal: Goal, scene: Scene, *, goals: str, solver: str, clock: Clock
+        self, robot: str, goal: Goal, scene: Scene, *, goals: GoalsName, solver: SolverName, clock: Clock
     ) -> None:
         self._robot = robot
         self._goal = goal

@@ -1,6 +1,5 @@
 """The thin shell around the core: poses come in over Zenoh, minds and commands go out."""
 
-import threading
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -10,11 +9,13 @@ import structlog
 import zenoh
 
 from agent.agent import Agent
+from agent.estimation import GoalsName
+from agent.solver import SolverName
 from protocol.codec import MessageError, decode, encode
 from protocol.keys import Keys
 from protocol.messages import Observation, PublicScene
 from protocol.scene import Goal, Scene
-from protocol.session import robot_session
+from protocol.session import open_in_background, robot_session
 
 SCENE_TIMEOUT_S = 1.0
 """After this time without an answer the scene is asked for again."""
@@ -30,8 +31,8 @@ class RobotOptions:
     goal: Goal
     connect: str
     run: str
-    goals: str
-    solver: str
+    goals: GoalsName
+    solver: SolverName
 
 
 class SceneError(Exception):
@@ -80,22 +81,15 @@ class RobotProcess:
         self._log.info("stopped")
 
     def _connect(self) -> zenoh.Session | None:
-        """The session, once the world is there; None if stopped before.
-
-        Opening blocks until then and lets no signal handler run, so it happens on a thread of its own.
-        """
-        config = robot_session(self._options.connect).to_zenoh()
+        """The session, once the world is there; None if stopped before."""
         opened: list[zenoh.Session | zenoh.ZError] = []
 
-        def open_session() -> None:
-            try:
-                opened.append(zenoh.open(config))
-            except zenoh.ZError as error:
-                opened.append(error)
+        def deliver(result: zenoh.Session | zenoh.ZError) -> None:
+            opened.append(result)
             self._inbox.put(b"")
 
         self._log.info("waiting for the world", connect=self._options.connect, run=self._options.run)
-        threading.Thread(target=open_session, daemon=True).start()
+        open_in_background(robot_session(self._options.connect), deliver)
         if self._inbox.get() is None:
             return None
         session = opened[0]

@@ -1,0 +1,1 @@
+"""The experimenter's bench: command line, launching, recording, summaries and pictures."""

@@ -1,5 +1,7 @@
 """What is known of a run before it starts."""
 
+from agent.estimation import GoalsName
+from agent.solver import SolverName
 from protocol.keys import Name
 from protocol.scene import Settings
 
@@ -9,9 +11,9 @@ class RunFacts(Settings):
 
     scenario: str
     """The scenario's name."""
-    goals: str
+    goals: GoalsName
     """How the robots come to know goals: ``exchanged`` or the name of an estimator."""
-    solver: str
+    solver: SolverName
     clock: str
     seed: int
     run: Name

@@ -116,13 +116,12 @@ class Tally:
         """Commands outside the limits so far, by robot."""
         return {name: robot.clipped_commands for name, robot in self._robots.items()}
 
-    def summary(self, facts: RunFacts, verdict: str | None = None) -> Summary:
+    def summary(self, facts: RunFacts, without_verdict: str = "interrupted") -> Summary:
         """The run so far.
 
         Args:
             facts: what the run is.
-            verdict: how it ended, where that is known better than by the referee (a process failed); None:
-                as the referee said, and ``interrupted`` if it did not.
+            without_verdict: the verdict where the referee could not give one.
         """
         truth = self._truth
         return Summary(
@@ -131,7 +130,7 @@ class Tally:
             solver=facts.solver,
             clock=facts.clock,
             seed=facts.seed,
-            verdict=verdict or (truth and truth.verdict) or "interrupted",
+            verdict=(truth and truth.verdict) or without_verdict,
             duration_s=self._duration_s(),
             steps=truth.step if truth else 0,
             collisions=len(truth.collisions) if truth else 0,

@@ -4,6 +4,8 @@ The world is the router of its own star; robots and the bench are clients of it.
 multicast, gossip and shared memory are off, so that every message passes through the world.
 """
 
+import threading
+from collections.abc import Callable
 from typing import Literal
 
 import zenoh
@@ -125,3 +127,28 @@ def robot_session(connect: str) -> SessionSettings:
 def bench_session(connect: str) -> SessionSettings:
     """The experimenter's bench: a client like a robot, with other keys."""
     return SessionSettings(mode="client", connect=Connect(endpoints=(connect,)))
+
+
+def open_in_background(
+    settings: SessionSettings, deliver: Callable[[zenoh.Session | zenoh.ZError], None]
+) -> None:
+    """Open a session without blocking: a client's opening waits for its world and lets no signal through.
+
+    Args:
+        settings: of the session.
+        deliver: gets the open session, or why it could not be opened, on another thread.
+
+    Raises:
+        zenoh.ZError: Zenoh does not accept the settings.
+    """
+    config = settings.to_zenoh()
+
+    def open_session() -> None:
+        try:
+            opened = zenoh.open(config)
+        except zenoh.ZError as error:
+            deliver(error)
+        else:
+            deliver(opened)
+
+    threading.Thread(target=open_session, daemon=True).start()

@@ -1,6 +1,7 @@
 """Where every robot wants to go, inferred from what was seen: one module an estimator."""
 
 from collections.abc import Callable
+from typing import Literal
 
 from agent.estimation.constant_acceleration import ConstantAcceleration
 from agent.estimation.exchanged import Exchanged
@@ -8,7 +9,9 @@ from agent.estimation.interface import GoalEstimator
 from agent.estimation.inverse_optimal_control import InverseOptimalControl
 from protocol.scene import Scene
 
-ESTIMATORS: dict[str, Callable[[Scene], GoalEstimator]] = {
+GoalsName = Literal["exchanged", "ioc", "constant-acceleration"]
+
+ESTIMATORS: dict[GoalsName, Callable[[Scene], GoalEstimator]] = {
     "exchanged": Exchanged,
     "ioc": InverseOptimalControl,
     "constant-acceleration": ConstantAcceleration,

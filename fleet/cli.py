@@ -1,0 +1,122 @@
+"""The command line ``unspoken``."""
+
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import agent.__main__
+import world.__main__
+from agent.estimation import GoalsName
+from agent.solver import SolverName
+from fleet.conduct import ExitStatus, Stream, conduct
+from fleet.experiment import Experiment, prepare
+from fleet.live import run_processes
+from fleet.simulation import simulate as simulate_messages
+from protocol.scenario_file import ScenarioError
+from world.process import ClockKind
+
+VIRTUAL = "virtual"
+"""The clock of ``simulate``, as its summary names it."""
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Mobile robots that cross each other's way without communicating.",
+)
+app.command("world")(world.__main__.main)
+app.command("agent")(agent.__main__.main)
+
+ScenarioArgument = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="A scenario file, or the name of a bundled one such as 8a.")
+]
+GoalsOption = Annotated[
+    GoalsName,
+    typer.Option(
+        help="How robots come to know one another's goals: exchanged before the run, or estimated.",
+    ),
+]
+SolverOption = Annotated[SolverName, typer.Option(help="What solves the trajectory problems.")]
+SeedOption = Annotated[int, typer.Option(min=0, help="Of sensor noise and dropouts.")]
+OutOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="Directory for the output, new or empty.",
+        show_default="runs/<scenario>-<goals>-<time>",
+        file_okay=False,
+    ),
+]
+
+
+@app.command()
+def run(
+    scenario: ScenarioArgument,
+    goals: GoalsOption = "ioc",
+    clock: Annotated[
+        ClockKind,
+        typer.Option(help="Wait for every robot at every step, or publish one step every Δt."),
+    ] = ClockKind.LOCKSTEP,
+    solver: SolverOption = "reference",
+    seed: SeedOption = 0,
+    out: OutOption = None,
+) -> None:
+    """Run a scenario in real processes: a world, and one process per robot.
+
+    Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage or
+    scenario, 3 a process failed.
+    """
+    experiment = _prepared(scenario, goals, solver, clock.value, seed)
+    begin = f"starting the world and {_robots(experiment)}"
+    _conduct(experiment, out, partial(run_processes, experiment), begin)
+
+
+@app.command()
+def simulate(
+    scenario: ScenarioArgument,
+    goals: GoalsOption = "ioc",
+    clock: Annotated[
+        ClockKind,
+        typer.Option(help="Taken as for run; in virtual time no command is late, so both drive the same."),
+    ] = ClockKind.LOCKSTEP,
+    solver: SolverOption = "reference",
+    seed: SeedOption = 0,
+    out: OutOption = None,
+) -> None:
+    """Run a scenario in virtual time: the same world and robots in this one process.
+
+    Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage or scenario.
+    """
+    experiment = _prepared(scenario, goals, solver, VIRTUAL, seed)
+    _conduct(
+        experiment,
+        out,
+        lambda _logs, interruption: simulate_messages(experiment, interruption),
+        f"preparing {_robots(experiment)}",
+    )
+
+
+def _prepared(scenario: str, goals: GoalsName, solver: SolverName, clock: str, seed: int) -> Experiment:
+    try:
+        return prepare(scenario, goals=goals, solver=solver, clock=clock, seed=seed)
+    except ScenarioError as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(ExitStatus.WRONG_USAGE) from None
+
+
+def _conduct(experiment: Experiment, out: Path | None, stream: Stream, begin: str) -> None:
+    facts = experiment.facts
+    directory = out or Path("runs") / f"{facts.scenario}-{facts.goals}-{datetime.now():%Y%m%d-%H%M%S}"
+    raise typer.Exit(conduct(experiment, directory, stream, begin))
+
+
+def _robots(experiment: Experiment) -> str:
+    count = len(experiment.scenario.robots)
+    return "1 robot" if count == 1 else f"{count} robots"
+
+
+def main() -> None:
+    """Entry point of the command ``unspoken``."""
+    app()

@@ -1,0 +1,87 @@
+"""Conducts one run for a person: shows it, keeps it, and says how it ended."""
+
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from enum import IntEnum
+from pathlib import Path
+
+from rich.console import Console
+
+from fleet.crew import ProcessFailedError
+from fleet.experiment import Experiment
+from fleet.interruption import Interruption
+from fleet.output import Output, OutputError
+from fleet.progress import RunProgress
+from fleet.recording import RecordingError
+from fleet.stream import BusMessage
+from fleet.verdict_table import robot_table, verdict_line
+
+
+class ExitStatus(IntEnum):
+    """How ``unspoken run`` and ``unspoken simulate`` end."""
+
+    ARRIVED = 0
+    ENDED_OTHERWISE = 1
+    WRONG_USAGE = 2
+    FAILED = 3
+
+
+Stream = Callable[[Path, Interruption], Iterator[BusMessage]]
+"""Makes a run's messages, given the directory for logs and the wish to end."""
+
+
+def conduct(experiment: Experiment, directory: Path, stream: Stream, begin: str) -> ExitStatus:
+    """Run an experiment to its end, leave its output in a directory and print the verdict.
+
+    Args:
+        experiment: what to run.
+        directory: for the output; new or empty.
+        stream: what runs it.
+        begin: what to show until the first step.
+    """
+    console, errors = Console(highlight=False), Console(stderr=True, highlight=False)
+    failure: Exception | None = None
+    try:
+        output = Output(directory, experiment)
+        with Interruption() as interruption, output, RunProgress(console, begin) as progress:
+            failure = _follow(stream(output.logs, interruption), output, progress)
+    except OutputError as error:
+        errors.print(f"unspoken: {error}", markup=False)
+        return ExitStatus.WRONG_USAGE
+    except RecordingError as error:
+        failure = error
+    return _finish(experiment, output, failure, console, errors)
+
+
+def _follow(
+    messages: Iterator[BusMessage], output: Output, progress: RunProgress
+) -> ProcessFailedError | None:
+    """Take every message; return a failure of the run, if there is one."""
+    with closing(messages):  # type: ignore[type-var]  # generators, whose closing ends the processes
+        try:
+            for message in messages:
+                output.take(message)
+                progress.show(message.message)
+        except ProcessFailedError as error:
+            return error
+        except KeyboardInterrupt:
+            return None
+    return None
+
+
+def _finish(
+    experiment: Experiment, output: Output, failure: Exception | None, console: Console, errors: Console
+) -> ExitStatus:
+    try:
+        summary = output.finish(without_verdict="interrupted" if failure is None else "failed")
+    except OutputError as error:
+        errors.print(f"unspoken: {error}", markup=False)
+        return ExitStatus.FAILED
+    if summary.robots:
+        console.print(robot_table(summary, output.tally.clipped_commands))
+    console.print(verdict_line(summary, experiment.scenario.step_s))
+    console.print(f"Recorded in {output.directory}: summary.json, paths.png, run.mcap, logs/", markup=False)
+    if failure is not None:
+        errors.print(f"unspoken: {failure}", markup=False)
+        return ExitStatus.FAILED
+    return ExitStatus.ARRIVED if summary.verdict == "arrived" else ExitStatus.ENDED_OTHERWISE

@@ -1,0 +1,89 @@
+"""What a run leaves behind: the recording, the summary, the picture and the logs, in one directory."""
+
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from fleet.course import Course
+from fleet.experiment import Experiment
+from fleet.picture import draw_paths
+from fleet.recording import Recorder
+from fleet.stream import BusMessage
+from fleet.summary import Summary, Tally
+
+
+class OutputError(Exception):
+    """The output directory cannot be used; the text says why and what to do."""
+
+
+class Output:
+    """Takes a run's messages as they come and writes everything that is kept of them.
+
+    Args:
+        directory: made if need be; one that holds something already is refused, so that no run is lost.
+        experiment: what is run.
+    """
+
+    def __init__(self, directory: Path, experiment: Experiment) -> None:
+        self.directory = directory
+        self.logs = directory / "logs"
+        self._experiment = experiment
+        self.tally = Tally()
+        self._course = Course(experiment.scenario.step_s)
+        text = experiment.path.read_text(encoding="utf-8")
+        self._recorder = Recorder(directory / "run.mcap", experiment.facts, text)
+
+    def __enter__(self) -> Self:
+        """Make the directory and open the recording.
+
+        Raises:
+            OutputError: the directory cannot be made, or holds something.
+            RecordingError: the recording cannot be opened.
+        """
+        try:
+            self.directory.mkdir(parents=True, exist_ok=True)
+            if any(self.directory.iterdir()):
+                raise OutputError(
+                    f"{self.directory} is not empty; choose another directory with --out, or remove it"
+                )
+            self.logs.mkdir()
+        except OSError as error:
+            raise OutputError(f"{self.directory} cannot be used for the output: {error.strerror}") from error
+        self._recorder.__enter__()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close the recording, whatever happened."""
+        self._recorder.__exit__(kind, error, traceback)
+
+    def take(self, message: BusMessage) -> None:
+        """Record a message and count it.
+
+        Raises:
+            RecordingError: the disk does not take it.
+        """
+        self._recorder.record(message.key, message.message, message.time_ns)
+        self.tally.add(message.message)
+        self._course.add(message.message)
+
+    def finish(self, without_verdict: str) -> Summary:
+        """Write the summary and the picture.
+
+        Args:
+            without_verdict: the verdict where the referee could not give one.
+
+        Raises:
+            OutputError: the disk does not take them.
+        """
+        summary = self.tally.summary(self._experiment.facts, without_verdict)
+        try:
+            summary.write(self.directory / "summary.json")
+            draw_paths(self._experiment.scenario, self._course, summary, self.directory / "paths.png")
+        except OSError as error:
+            raise OutputError(f"{error.filename}: cannot be written: {error.strerror}") from error
+        return summary

@@ -1,0 +1,33 @@
+"""The line that shows how a run is getting on."""
+
+from rich.console import Console
+from rich.progress import Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+
+from protocol.messages import Message, Truth
+
+
+class RunProgress(Progress):
+    """Shows step, simulated time, arrivals and the smallest distance so far while entered.
+
+    Args:
+        console: where to show it; nothing but the last line is shown where that is no terminal.
+        begin: what to show before the first step.
+    """
+
+    def __init__(self, console: Console, begin: str) -> None:
+        super().__init__(
+            SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console
+        )
+        self._line: TaskID = self.add_task(begin, total=None)
+
+    def show(self, message: Message) -> None:
+        """Take in a truth; other messages change nothing."""
+        if isinstance(message, Truth):
+            self.update(self._line, description=_line(message))
+
+
+def _line(truth: Truth) -> str:
+    arrived = sum(robot.arrived_s is not None for robot in truth.robots.values())
+    closest = "" if truth.minimum_distance_m is None else f" · closest {truth.minimum_distance_m:.2f} m"
+    hit = f" · [red]{len(truth.collisions)} collided[/]" if truth.collisions else ""
+    return f"step {truth.step} · {truth.time_s:.1f} s · {arrived}/{len(truth.robots)} arrived{closest}{hit}"

@@ -1,0 +1,23 @@
+"""A run as a stream of bus messages, the same whether it comes from processes or from virtual time."""
+
+from typing import NamedTuple
+
+from protocol.messages import Command, Message, Mind, Observation, PublicScene, Truth
+
+KINDS: dict[str, type[Message]] = {
+    "pose": Observation,
+    "command": Command,
+    "scene": PublicScene,
+    "truth": Truth,
+    "mind": Mind,
+}
+"""The message that each kind of key carries."""
+
+
+class BusMessage(NamedTuple):
+    """One message as it was on the bus."""
+
+    key: str
+    message: Message
+    time_ns: int
+    """Unix time of arrival for real processes; simulated time since step 0 in virtual time."""
