@@ -4,9 +4,14 @@ from agent.planning import Plan
 from protocol.vehicle import Input, Limits, reachable_inputs
 
 
-def first_input(plan: Plan) -> Input:
-    """The receding horizon: only the plan's first input is driven."""
-    return Input(*plan.inputs[0].tolist())
+def first_input(plan: Plan, limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
+    """The receding horizon: only the plan's first input is driven.
+
+    Solvers keep limits to a tolerance; what is commanded keeps them exactly.
+    """
+    turn_rate, acceleration = reachable_inputs(limits, previous, step_s).clip(Input(*plan.inputs[0].tolist()))
+    slowest, fastest = ((bound - speed_mps) / step_s for bound in (-limits.speed_mps, limits.speed_mps))
+    return Input(turn_rate, min(max(acceleration, slowest), fastest))
 
 
 def without_a_plan(limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:

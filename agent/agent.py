@@ -13,9 +13,9 @@ from agent.solver import SOLVERS, SolverName
 from agent.stopwatch import Clock, Stopwatch
 from agent.vehicle import Array
 from protocol.arrival import has_arrived, nearest_turn, wrap_angle
-from protocol.messages import Command, Mind, Observation, Path, Phase, State
+from protocol.messages import Command, Mind, Observation, Positions, Phase, State
 from protocol.scene import Goal, Scene
-from protocol.vehicle import Input, braking_input, reachable_inputs
+from protocol.vehicle import Input, braking_input
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class Agent:
             return braking_input(limits, previous, speed, step_s)
         if thought.failed or thought.plan is None:
             return without_a_plan(limits, previous, speed, step_s)
-        return reachable_inputs(limits, previous, step_s).clip(first_input(thought.plan))
+        return first_input(thought.plan, limits, previous, speed, step_s)
 
     def _previous_input(self) -> Input:
         """What this robot commanded for the step before; recovered from poses if it did not."""
@@ -167,5 +167,5 @@ def _as_message(state: Array) -> State:
     return State(x_m=x, y_m=y, heading_rad=wrap_angle(heading), speed_mps=speed)
 
 
-def _as_path(positions: Array) -> Path:
+def _as_path(positions: Array) -> Positions:
     return tuple((float(x), float(y)) for x, y in positions[:, :2])

@@ -109,7 +109,7 @@ class Truth(Message):
 
 
 Milliseconds = Annotated[float, Field(ge=0, le=1e9)]
-Path = Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(max_length=MAX_HORIZON + 1)]
+Positions = Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(max_length=MAX_HORIZON + 1)]
 
 
 class Timings(_Strict):
@@ -132,9 +132,9 @@ class Mind(Message):
     arrived: bool
     estimates: Robots
     """Estimated goal states of all robots, the ego's as the others would estimate it."""
-    prediction: Annotated[dict[Name, Path], Field(max_length=MAX_ROBOTS)]
+    prediction: Annotated[dict[Name, Positions], Field(max_length=MAX_ROBOTS)]
     """Jointly predicted positions for the present and every step of the horizon."""
-    plan: Path
+    plan: Positions
     """The ego's planned positions, from the present on."""
     failed: Annotated[tuple[Phase, ...], Field(max_length=2)]
     """Phases whose problem was not solved at this step."""

@@ -177,7 +177,7 @@ class InversePrograms:
         rows = _stationarity_and_complementarity(problem)
         weights = np.concatenate([NEARNESS, np.ones(count + 4 + stages)])
         if (stages, each) not in self._solvers:
-            self._solvers[stages, each] = _conic_solver(rows.shape, len(weights))
+            self._solvers[stages, each] = _conic_solver(stages, each)
         solver = self._solvers[stages, each]
         right = np.concatenate([-problem.cost_gradient, np.zeros(stages)])
         lowest = np.full(len(weights), -np.inf)
@@ -212,6 +212,17 @@ def _stationarity_and_complementarity(problem: InverseProblem) -> Array:
     return np.block([stationarity, complementarity])
 
 
-def _conic_solver(rows: tuple[int, int], variables: int) -> ca.Function:
-    structure = {"h": ca.Sparsity.diag(variables), "a": ca.Sparsity.dense(*rows)}
+def _conic_solver(stages: int, each: int) -> ca.Function:
+    """PIQP, set up for the entries that can differ from zero: a stage depends on earlier inputs only."""
+    inputs = 2 * stages
+    earlier = np.arange(inputs) // 2 <= np.arange(stages)[:, None]
+    full = InverseProblem(
+        values=np.ones((stages, each)),
+        gradients=np.repeat(earlier[:, None].astype(float), each, axis=1),
+        terminal=np.ones((4, inputs)),
+        cost_gradient=np.ones(inputs),
+        goal_gradient=np.ones((inputs, OBSERVABLE)),
+    )
+    rows = ca.sparsify(ca.DM(_stationarity_and_complementarity(full))).sparsity()
+    structure = {"h": ca.Sparsity.diag(OBSERVABLE + stages * each + 4 + stages), "a": rows}
     return ca.conic("inverse", "piqp", structure, {"error_on_fail": False})

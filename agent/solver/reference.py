@@ -54,16 +54,16 @@ class ReferenceSolver:
             **_bounds(problem, len(program.pairs)),
         )
         statistics = program.solver.stats()
-        robots, steps = len(problem.states), problem.steps
-        inputs = np.asarray(result["x"]).ravel()[4 * robots * steps :][: 2 * robots * steps]
-        inputs = within_limits(problem, inputs.reshape(steps, robots, 2).transpose(1, 0, 2))
+        inputs = within_limits(problem, _inputs_of(problem, np.asarray(result["x"]).ravel()))
+        finite = bool(np.isfinite(inputs).all())
+        inputs = inputs if finite else within_limits(problem, guess)
         states = problem.rollout(inputs)
         return Solution(
             inputs=inputs,
             states=states,
             objective=problem.objective(states),
             violation_m=problem.violation_m(states),
-            solved=bool(statistics["success"]),
+            solved=finite and bool(statistics["success"]),
             iterations=int(statistics["iter_count"]),
         )
 
@@ -116,6 +116,13 @@ def _variables(problem: JointProblem, guess: Array, pairs: int) -> Array:
     states = problem.rollout(guess)[:, 1:]
     slacks = np.zeros(pairs * (problem.steps + 1 - FIRST_FREE_STAGE))
     return np.concatenate([_by_stage(states), _by_stage(guess), slacks])
+
+
+def _inputs_of(problem: JointProblem, variables: Array) -> Array:
+    """The inputs (M, K, 2) among the variables."""
+    robots, steps = len(problem.states), problem.steps
+    flat = variables[4 * robots * steps :][: 2 * robots * steps]
+    return flat.reshape(steps, robots, 2).transpose(1, 0, 2)
 
 
 def _parameters(problem: JointProblem, pairs: tuple[tuple[int, int], ...]) -> Array:
