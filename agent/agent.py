@@ -13,7 +13,7 @@ from agent.solver import SOLVERS, SolverName
 from agent.stopwatch import Clock, Stopwatch
 from agent.vehicle import Array
 from protocol.arrival import has_arrived, nearest_turn, wrap_angle
-from protocol.messages import Command, Mind, Observation, Positions, Phase, State
+from protocol.messages import Command, Mind, Observation, Phase, Positions, State
 from protocol.scene import Goal, Scene
 from protocol.vehicle import Input, braking_input
 

@@ -38,7 +38,7 @@ def simulate(experiment: Experiment, interruption: Interruption) -> Iterator[Bus
     }
     yield BusMessage(keys.scene, PublicScene(epoch=EPOCH, scene=scene), 0)
     while not world.over:
-        now_ns = round(world.step * scenario.step_s * 1e9)
+        now_ns = round(scenario.time_s(world.step) * 1e9)
         observations = world.observations()
         for robot, observation in observations.items():
             yield BusMessage(keys.pose(robot), observation, now_ns)
@@ -54,4 +54,4 @@ def simulate(experiment: Experiment, interruption: Interruption) -> Iterator[Bus
             world.interrupt()
         else:
             world.advance(commands)
-    yield BusMessage(keys.truth, world.truth(), round(world.step * scenario.step_s * 1e9))
+    yield BusMessage(keys.truth, world.truth(), round(scenario.time_s(world.step) * 1e9))

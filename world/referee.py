@@ -35,7 +35,7 @@ class Referee:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        self._step_s = scenario.step_s
+        self._time_s = scenario.time_s
         self._tolerance = scenario.arrival_tolerance
         self._goals = {robot.id: robot.goal_pose().as_state() for robot in scenario.robots}
         scene = scenario.scene(with_goals=False)
@@ -64,7 +64,7 @@ class Referee:
         self._measure_distances(states)
         for robot, goal in self._goals.items():
             if self.arrived_s[robot] is None and has_arrived(states[robot], goal, self._tolerance):
-                self.arrived_s[robot] = step * self._step_s
+                self.arrived_s[robot] = self._time_s(step)
         self.verdict = self._judge(step)
 
     def interrupt(self) -> None:

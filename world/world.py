@@ -34,6 +34,7 @@ class World:
 
     def __init__(self, scenario: Scenario, *, seed: int, epoch: int) -> None:
         self._epoch = epoch
+        self._scenario = scenario
         self._step_s = scenario.step_s
         self._step = 0
         self._vehicles = {
@@ -117,7 +118,7 @@ class World:
         return Truth(
             epoch=self._epoch,
             step=self._step,
-            time_s=self._step * self._step_s,
+            time_s=self._scenario.time_s(self._step),
             robots={
                 robot: TrueRobot(
                     state=message_state(*vehicle.state),
@@ -145,7 +146,7 @@ class World:
             robot: Observation(
                 epoch=self._epoch,
                 step=self._step,
-                time_s=self._step * self._step_s,
+                time_s=self._scenario.time_s(self._step),
                 robots=sensors.see(states),
             )
             for robot, sensors in self._sensors.items()
