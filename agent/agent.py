@@ -133,9 +133,9 @@ class Agent:
         return self._memory.previous_input(self._robot)
 
     def _known_parked(self) -> set[str]:
-        """Robots known to have arrived: only where goals are shared. A parked robot stays parked."""
+        """Other robots known to have arrived: only where goals are shared. A parked robot stays parked."""
         shared = self._scene.goals if self._estimator.goals_are_shared else None
-        for robot in self._memory.robots:
+        for robot in set(self._memory.robots) - {self._robot}:
             if shared is not None and robot in shared and self._is_at(shared[robot], robot):
                 self._parked.add(robot)
         return self._parked & set(self._memory.robots)

@@ -49,13 +49,13 @@ class Memory:
         self.step = step
         for robot, track in self._tracks.items():
             self._go_on(track, passed if robot not in seen else passed - 1)
+        for robot in [robot for robot, track in self._tracks.items() if track.unseen > LONGEST_GAP]:
+            del self._tracks[robot]
         for robot, state in seen.items():
             if robot in self._tracks:
                 self._see_again(self._tracks[robot], np.array(state, dtype=float))
             else:
                 self._tracks[robot] = _Track(np.array([state], dtype=float))
-        for robot in [robot for robot, track in self._tracks.items() if track.unseen > LONGEST_GAP]:
-            del self._tracks[robot]
         return True
 
     @property

@@ -1,4 +1,4 @@
-"""The vehicle model of eq. 10 as the robots use it: rollouts, and how states depend on inputs.
+"""The vehicle model of eq. 8 as the robots use it: rollouts, and how states depend on inputs.
 
 A state is (p_x, p_y, ψ, v), an input is (ω, a); see ``protocol.vehicle`` for units and frames.
 """
@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 def symbolic_step(state: ca.SX, control: ca.SX, step_s: float) -> ca.SX:
-    """f(x, u) of eq. 10 for one robot, as a CasADi expression of shape (4, 1)."""
+    """f(x, u) of eq. 8 for one robot, as a CasADi expression of shape (4, 1)."""
     heading, speed = state[2], state[3]
     rates = ca.vertcat(speed * ca.cos(heading), speed * ca.sin(heading), control[0], control[1])
     return state + step_s * rates

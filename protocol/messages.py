@@ -36,7 +36,7 @@ class Message(_Strict):
 
 
 class State(_Strict):
-    """One robot's state (p_x, p_y, ψ, v) of eq. 10."""
+    """One robot's state (p_x, p_y, ψ, v) of eq. 8."""
 
     x_m: Coordinate
     y_m: Coordinate

@@ -46,7 +46,7 @@ class Horizons(Settings):
 
 
 class Weights(Settings):
-    """Diagonal of Q in the cost (x − L)ᵀ Q (x − L) (eq. 9).
+    """Diagonal of Q in the cost (x − L)ᵀ Q (x − L) (eq. 11).
 
     The publication does not state Q; these values let every robot park and give durations in the published
     range.
@@ -115,5 +115,5 @@ class Scene(Rules):
         return self.robot(one).radius_m + self.robot(other).radius_m
 
     def safety_distance_m(self, one: str, other: str) -> float:
-        """Centres are planned to stay this far apart: d of eq. 9 (published: 1.39 m)."""
+        """Centres are planned to stay this far apart: d of eq. 10 (published: 1.39 m)."""
         return self.collision_distance_m(one, other) + 2.0 * self.safety_margin_m

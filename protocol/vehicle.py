@@ -46,7 +46,7 @@ class Reachable(NamedTuple):
 
 
 def reachable_inputs(limits: Limits, previous: Input, step_s: float) -> Reachable:
-    """Inputs that respect the input limits and the rate limits (eq. 8, second and third row).
+    """Inputs that respect the input limits and the rate limits (eq. 9, second and third row).
 
     A previous input outside the limits (a disturbance) is brought back inside first, so that the result is
     never empty.

@@ -14,7 +14,7 @@ every other time. That is no violation.
 
 
 class VehicleState(NamedTuple):
-    """The state (p_x, p_y, ψ, v) of eq. 10; the heading runs on through whole turns."""
+    """The state (p_x, p_y, ψ, v) of eq. 8; the heading runs on through whole turns."""
 
     x_m: float
     y_m: float
@@ -34,7 +34,7 @@ class Driven(NamedTuple):
 def drive(
     limits: Limits, state: VehicleState, previous_input: Input, wanted_input: Input, step_s: float
 ) -> Driven:
-    """Move a vehicle by one explicit Euler step (eq. 10).
+    """Move a vehicle by one explicit Euler step (eq. 8).
 
     The wanted input is first brought within the input and rate limits. At the speed limit the speed stays,
     and the applied acceleration is the one that really took place: a vehicle that is held at its top speed

@@ -123,7 +123,7 @@ Rows = tuple[Array, Array]
 
 
 def _both_sides(values: Array, gradients: Array, bound: float) -> Rows:
-    """|value| ≤ bound, of values (K,) with gradients (K, 2K), as two rows a stage (eq. 8)."""
+    """|value| ≤ bound, of values (K,) with gradients (K, 2K), as two rows a stage (eq. 9)."""
     return (
         np.stack([values - bound, -values - bound], axis=1),
         np.stack([gradients, -gradients], axis=1),
@@ -153,7 +153,7 @@ def _input_rows(limits: Limits, inputs: Array, before: Array, step_s: float) -> 
 
 
 def _distance_row(states: Array, effect: Array, other: Array, distance: float) -> Rows:
-    """Rows d − ‖p_i − p_j‖ ≤ 0 (eq. 9) at every stage at which the other was seen; elsewhere an empty row."""
+    """Rows d − ‖p_i − p_j‖ ≤ 0 (eq. 10) at every stage at which the other was seen; elsewhere an empty row."""
     steps = len(states) - 1
     values, gradients = np.zeros((steps, 1)), np.zeros((steps, 1, 2 * steps))
     seen = slice(steps + 1 - len(other), steps)

@@ -35,7 +35,7 @@ class JointProblem:
     obstacles: Array
     """Positions of obstacles at the present and the next K stages, shape (O, K + 1, 2)."""
     safety_distances: Array
-    """d of eq. 9 between each robot and each robot, then each obstacle, shape (M, M + O)."""
+    """d of eq. 10 between each robot and each robot, then each obstacle, shape (M, M + O)."""
     area: Array
     """Lower and upper corner of the drivable rectangle, shape (2, 2)."""
     weights: Array
@@ -66,7 +66,7 @@ class JointProblem:
         return rollout(self.states, inputs, self.step_s)
 
     def objective(self, states: Array) -> float:
-        """Sum of the stage and terminal costs (eq. 9) of states of shape (M, K + 1, 4)."""
+        """Sum of the stage and terminal costs (eq. 11) of states of shape (M, K + 1, 4)."""
         return float(np.sum(self.weights * (states - self.goals[:, None]) ** 2))
 
     def violation_m(self, states: Array) -> float:

@@ -126,10 +126,12 @@ def _inputs_of(problem: JointProblem, variables: Array) -> Array:
 
 
 def _parameters(problem: JointProblem, pairs: tuple[tuple[int, int], ...]) -> Array:
+    # Inputs recovered from noisy poses can lie outside the limits, further than the rates lead back in a step.
+    previous = np.clip(problem.previous_inputs, -problem.input_bounds, problem.input_bounds)
     return np.concatenate(
         [
             problem.states.ravel(),
-            problem.previous_inputs.ravel(),
+            previous.ravel(),
             problem.goals.ravel(),
             problem.weights,
             _by_stage(problem.obstacles[:, FIRST_FREE_STAGE:]),
@@ -139,7 +141,7 @@ def _parameters(problem: JointProblem, pairs: tuple[tuple[int, int], ...]) -> Ar
 
 
 def _bounds(problem: JointProblem, pairs: int) -> dict[str, Array]:
-    """Bounds of variables and rows (eq. 8).
+    """Bounds of variables and rows (eq. 9).
 
     Speed and area are widened where even full braking could not keep them, so that a limits-respecting
     solution always exists.

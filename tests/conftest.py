@@ -1,0 +1,9 @@
+"""Property tests are not judged by the clock: the machine is shared. In CI they try the same examples each time."""
+
+import os
+
+from hypothesis import settings
+
+settings.register_profile("unspoken", deadline=None)
+settings.register_profile("ci", deadline=None, derandomize=True)
+settings.load_profile("ci" if "CI" in os.environ else "unspoken")
