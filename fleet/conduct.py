@@ -41,20 +41,21 @@ def conduct(experiment: Experiment, directory: Path, stream: Stream, begin: str)
     """
     console, errors = Console(highlight=False), Console(stderr=True, highlight=False)
     failure: Exception | None = None
-    try:
-        output = Output(directory, experiment)
-        with Interruption() as interruption, output, RunProgress(console, begin) as progress:
-            failure = _follow(stream(output.logs, interruption), output, progress)
-    except OutputError as error:
-        errors.print(f"unspoken: {error}", markup=False)
-        return ExitStatus.WRONG_USAGE
-    except RecordingError as error:
-        failure = error
-    return _finish(experiment, output, failure, console, errors)
+    output = Output(directory, experiment)
+    with Interruption() as interruption:
+        try:
+            with output, RunProgress(console, begin) as progress:
+                failure = _follow(stream(output.logs, interruption), output, progress, interruption)
+        except OutputError as error:
+            _tell(errors, error)
+            return ExitStatus.WRONG_USAGE
+        except RecordingError as error:
+            failure = error
+        return _finish(experiment, output, failure, console, errors)
 
 
 def _follow(
-    messages: Iterator[BusMessage], output: Output, progress: RunProgress
+    messages: Iterator[BusMessage], output: Output, progress: RunProgress, interruption: Interruption
 ) -> ProcessFailedError | None:
     """Take every message; return a failure of the run, if there is one."""
     with closing(messages):  # type: ignore[type-var]  # generators, whose closing ends the processes
@@ -62,6 +63,8 @@ def _follow(
             for message in messages:
                 output.take(message)
                 progress.show(message.message)
+                if interruption.insisted:
+                    return None
         except ProcessFailedError as error:
             return error
         except KeyboardInterrupt:
@@ -75,13 +78,19 @@ def _finish(
     try:
         summary = output.finish(without_verdict="interrupted" if failure is None else "failed")
     except OutputError as error:
-        errors.print(f"unspoken: {error}", markup=False)
+        _tell(errors, error)
         return ExitStatus.FAILED
     if summary.robots:
         console.print(robot_table(summary, output.tally.clipped_commands))
     console.print(verdict_line(summary, experiment.scenario.step_s))
-    console.print(f"Recorded in {output.directory}: summary.json, paths.png, run.mcap, logs/", markup=False)
+    recorded = f"Recorded in {output.directory}: summary.json, paths.png, run.mcap, logs/"
+    console.print(recorded, markup=False, soft_wrap=True)
     if failure is not None:
-        errors.print(f"unspoken: {failure}", markup=False)
+        _tell(errors, failure)
         return ExitStatus.FAILED
     return ExitStatus.ARRIVED if summary.verdict == "arrived" else ExitStatus.ENDED_OTHERWISE
+
+
+def _tell(errors: Console, error: Exception) -> None:
+    """Say what is wrong; long lines hold paths and logs, which are not to be broken."""
+    errors.print(f"unspoken: {error}", markup=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as a wish to end in order; a second one ends at once."""
+"""Ctrl-C, SIGTERM and a closed terminal as a wish to end in order."""
 
 import signal
 from types import FrameType, TracebackType
@@ -6,16 +6,25 @@ from typing import Self
 
 
 class Interruption:
-    """While entered, the first SIGINT or SIGTERM sets ``requested``; the next raises KeyboardInterrupt."""
+    """While entered, signals that would end the process are only noted, so that nothing is left half done.
 
-    SIGNALS = (signal.SIGINT, signal.SIGTERM)
+    A signal that is ignored, as SIGHUP is under ``nohup``, stays ignored.
+
+    Attributes:
+        requested: a signal has come: end in order.
+        insisted: another one has come: end without waiting for anything more.
+    """
+
+    SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
     def __init__(self) -> None:
         self.requested = False
+        self.insisted = False
 
     def __enter__(self) -> Self:
         """Take over the signals."""
-        self._former = {number: signal.signal(number, self._handle) for number in self.SIGNALS}
+        taken = [number for number in self.SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
+        self._former = {number: signal.signal(number, self._handle) for number in taken}
         return self
 
     def __exit__(
@@ -29,6 +38,5 @@ class Interruption:
             signal.signal(number, handler)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
-        if self.requested:
-            raise KeyboardInterrupt
+        self.insisted = self.requested
         self.requested = True

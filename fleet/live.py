@@ -2,7 +2,7 @@
 
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
@@ -43,7 +43,7 @@ def run_processes(
     Raises:
         ProcessFailedError: the world or, before the first step, a robot ended; or a robot ended later, which
             is told after the verdict of the others.
-        KeyboardInterrupt: an interruption came before the world could give a verdict.
+        KeyboardInterrupt: an interruption came before the world could give a verdict, or came twice.
     """
     with tempfile.TemporaryDirectory(prefix="unspoken-") as directory, Crew(log_directory) as crew:
         endpoint = f"unixsock-stream/{directory}/world.sock"
@@ -54,7 +54,7 @@ def run_processes(
             for robot in experiment.scenario.robots:
                 crew.start(f"robot-{robot.id}", "agent", _robot_settings(experiment, endpoint, robot))
             yield from bench.listen()
-            crew.wait(WORLD)
+        crew.wait(WORLD)  # which stays until the bench has left
 
 
 def _world_settings(experiment: Experiment, endpoint: str) -> dict[str, str]:
@@ -104,7 +104,8 @@ class _Bench:
             try:
                 session = opened.get(timeout=LOOK_S)
             except Empty:
-                self._look_after_processes()
+                self._hand_on_interruption()
+                self._give_up_without(self._crew.ended())
                 continue
             if isinstance(session, zenoh.ZError):
                 raise ProcessFailedError(f"the bench cannot reach its world: {session}")
@@ -124,7 +125,8 @@ class _Bench:
                 if reply.ok is not None:
                     yield self._decoded(self._keys.scene, reply.ok.payload.to_bytes(), time.time_ns())
                     return
-            self._look_after_processes()
+            self._hand_on_interruption()
+            self._give_up_without(self._crew.ended())
             time.sleep(LOOK_S)
 
     def listen(self) -> Iterator[BusMessage]:
@@ -135,7 +137,9 @@ class _Bench:
             try:
                 item = self._inbox.get(timeout=LOOK_S)
             except Empty:
-                self._look_after_processes()
+                ended = self._crew.ended()
+                if self._inbox.empty():  # what processes said before they ended counts first
+                    self._give_up_without(ended)
                 continue
             try:
                 message = self._decoded(*item)
@@ -153,17 +157,17 @@ class _Bench:
     def _decoded(self, key: str, payload: bytes, time_ns: int) -> BusMessage:
         return BusMessage(key, decode(KINDS[self._keys.kind_of(key)], payload), time_ns)
 
-    def _look_after_processes(self) -> None:
-        """Give up where the run cannot go on."""
-        self._hand_on_interruption()
-        ended = self._crew.ended()
-        if (WORLD in ended or (ended and not self._begun)) and self._inbox.empty():
+    def _give_up_without(self, ended: Mapping[str, str]) -> None:
+        """End the run where it cannot go on without the processes that have ended."""
+        if WORLD in ended or (ended and not self._begun):
             if self._interruption.requested:
                 raise KeyboardInterrupt
             raise ProcessFailedError(ended.get(WORLD) or "\n".join(ended.values()))
 
     def _hand_on_interruption(self) -> None:
-        """The world ends an interrupted run, with its verdict."""
+        """The world ends an interrupted run, with its verdict; whoever insists does without one."""
+        if self._interruption.insisted:
+            raise KeyboardInterrupt
         if self._interruption.requested and not self._told_to_end:
             self._told_to_end = True
             self._crew.ask_to_end(WORLD)

@@ -1,5 +1,6 @@
 """The world's side of the bus."""
 
+import threading
 from collections.abc import Mapping
 
 import zenoh
@@ -64,3 +65,19 @@ class Bus:
     def publish_truth(self, truth: Truth) -> None:
         """Give the bench the truth."""
         self._truth.put(encode(truth))
+
+    def wait_for_readers(self, timeout_s: float) -> None:
+        """Return when nobody reads truths any more: closing the session would cut off a reader that lags.
+
+        Args:
+            timeout_s: after which readers that stay are left alone.
+        """
+        unread = threading.Event()
+
+        def changed(status: zenoh.MatchingStatus) -> None:
+            if not status.matching:
+                unread.set()
+
+        _listener = self._truth.declare_matching_listener(changed)
+        if self._truth.matching_status.matching:  # type: ignore[attr-defined]  # zenoh's stub says bool
+            unread.wait(timeout_s)

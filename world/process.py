@@ -21,6 +21,9 @@ from world.inbox import Inbox
 from world.run import Run
 from world.world import World
 
+FAREWELL_S = 3.0
+"""How long a reader of the truth may take to see the verdict and leave."""
+
 
 class ExitStatus(IntEnum):
     """How the process ends."""
@@ -59,9 +62,8 @@ class EndpointError(Exception):
 def run_world(options: WorldOptions) -> ExitStatus:
     """Hold one run, from the opening of the session to the verdict.
 
-    SIGINT and SIGTERM end it with the verdict "interrupted". The session's closing hands on what was
-    published last, as long as its readers keep up: a reader whose callback lags more than a quarter of
-    a second behind may lose the end.
+    SIGINT and SIGTERM end it with the verdict "interrupted". After the verdict the session stays open until
+    the readers of the truth have left, or for ``FAREWELL_S``.
 
     Raises:
         EndpointError: the endpoint cannot be opened.
@@ -91,6 +93,7 @@ def run_world(options: WorldOptions) -> ExitStatus:
         run = Run(world, _clock(options), inbox, bus, log)
         run.wait_for_robots(options.start_timeout_s)
         verdict = run.drive().verdict
+        bus.wait_for_readers(FAREWELL_S)
     return ExitStatus.ARRIVED if verdict == "arrived" else ExitStatus.ENDED_OTHERWISE
 
 

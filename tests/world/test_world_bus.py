@@ -72,3 +72,26 @@ def test_each_robot_gets_its_own_observation_only(sessions):
     assert dict(got) == {KEYS.pose(robot): seen for robot, seen in world.observations().items()}
     listener.undeclare()
     token.undeclare()
+
+
+def test_the_world_waits_until_the_last_reader_of_the_truth_has_left(sessions):
+    ours, theirs = sessions
+    world = World(lanes(2), seed=0, epoch=EPOCH)
+    bus = declare(ours, world, Inbox(world.robots))
+    got = threading.Event()
+    reader = theirs.declare_subscriber(KEYS.everything, lambda _: got.set())
+    while not got.wait(0.05):
+        bus.publish_truth(world.truth())  # until the subscription has come through
+    left = threading.Event()
+    waiting = threading.Thread(target=lambda: (bus.wait_for_readers(PATIENCE_S), left.set()))
+    waiting.start()
+    assert not left.wait(0.3)
+    reader.undeclare()
+    assert left.wait(PATIENCE_S)
+    waiting.join()
+
+
+def test_a_world_without_readers_does_not_wait(sessions):
+    ours, _theirs = sessions
+    world = World(lanes(2), seed=0, epoch=EPOCH)
+    declare(ours, world, Inbox(world.robots)).wait_for_readers(float("inf"))

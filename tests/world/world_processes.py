@@ -143,10 +143,11 @@ class TruthRecorder:
         assert found, f"step {step} was not reached"
 
     def ended(self):
-        """The last truth."""
+        """The last truth; after it this reader leaves, for which the world waits."""
         with self._more:
             found = self._more.wait_for(lambda: self.truths and self.truths[-1].verdict, PATIENCE_S)
         assert found, "no truth with a verdict came"
+        self._subscriber.undeclare()
         return self.truths[-1]
 
     def __enter__(self):
