@@ -13,6 +13,7 @@ from agent.solver import SolverName
 from protocol.codec import MessageError
 from protocol.keys import Name
 from protocol.scene import Goal
+from protocol.session import reason_of
 
 WRONG_USAGE = 2
 FAILED = 3
@@ -99,7 +100,11 @@ def main(
         typer.echo(f"robot {robot}: {error}", err=True)
         raise typer.Exit(FAILED) from None
     except zenoh.ZError as error:
-        typer.echo(f"robot {robot}: the endpoint {connect} cannot be used: {error}", err=True)
+        typer.echo(
+            f"robot {robot}: the endpoint {connect} cannot be used: {reason_of(error)}; the one at which the "
+            "world listens is expected in --connect, such as tcp/127.0.0.1:7447",
+            err=True,
+        )
         raise typer.Exit(FAILED) from None
 
 

@@ -20,16 +20,17 @@ from protocol.vehicle import Limits
 
 OBSERVABLE = 3
 """Components of L that are estimated: p_x, p_y, ψ. The goal speed is known to be zero."""
-NEARNESS = np.array([1e-6, 1e-6, 1e-6])
-"""Weight of a goal's distance from the present pose: among goals that explain a stretch equally well, such as
-those beside the path of a robot that stands, the nearest is taken."""
+NEARNESS = np.array([1e-6, 1e-6, 1.0])
+"""Weight of the goal's distance from the present pose, in m⁻², m⁻² and rad⁻². Among positions that explain a
+stretch equally well, such as those beside the path of a robot that stands, the nearest is taken. The heading
+needs more: its small weight in the cost would otherwise let goals many turns away explain every bend."""
 
 
 @dataclass(frozen=True)
 class InverseProblem:
     """The quadratic program of eq. 6 for one robot.
 
-    min Σ λ² + ‖ν‖² + Σ_k (λ_kᵀ C_k)² over L, λ ≥ 0, ν
+    min Σ λ² + ‖ν‖² + Σ_k (λ_kᵀ C_k)² + nearness over L, λ ≥ 0, ν
     subject to  goal_gradient·(L − x_t) + Σ_k gradients_kᵀ λ_k + terminalᵀ ν + cost_gradient = 0.
     """
 
@@ -139,21 +140,21 @@ def _area_rows(area: Area, states: Array, effect: Array) -> list[Rows]:
 
 
 def _input_rows(limits: Limits, inputs: Array, before: Array, step_s: float) -> list[Rows]:
-    """Limits of ω and a, and of their changes from step to step."""
+    """Limits of ω and a, and of their rates of change, each in its physical unit (table 1)."""
     steps = len(inputs)
     picks = np.eye(2 * steps).reshape(steps, 2, 2 * steps)
-    changes = np.diff(np.concatenate([before, inputs]), axis=0)
-    pick_changes = np.diff(np.concatenate([np.zeros_like(picks[:1]), picks]), axis=0)
+    rates = np.diff(np.concatenate([before, inputs]), axis=0) / step_s
+    pick_rates = np.diff(np.concatenate([np.zeros_like(picks[:1]), picks]), axis=0) / step_s
     return [
         _both_sides(inputs[:, 0], picks[:, 0], limits.turn_rate_radps),
         _both_sides(inputs[:, 1], picks[:, 1], limits.acceleration_mps2),
-        _both_sides(changes[:, 0], pick_changes[:, 0], limits.turn_acceleration_radps2 * step_s),
-        _both_sides(changes[:, 1], pick_changes[:, 1], limits.jerk_mps3 * step_s),
+        _both_sides(rates[:, 0], pick_rates[:, 0], limits.turn_acceleration_radps2),
+        _both_sides(rates[:, 1], pick_rates[:, 1], limits.jerk_mps3),
     ]
 
 
 def _distance_row(states: Array, effect: Array, other: Array, distance: float) -> Rows:
-    """Rows d − ‖p_i − p_j‖ ≤ 0 (eq. 10) at every stage at which the other was seen; elsewhere an empty row."""
+    """Rows d − ‖p_i − p_j‖ ≤ 0 (eq. 10) at the stages at which the other was seen; elsewhere empty ones."""
     steps = len(states) - 1
     values, gradients = np.zeros((steps, 1)), np.zeros((steps, 1, 2 * steps))
     seen = slice(steps + 1 - len(other), steps)

@@ -126,7 +126,7 @@ def _inputs_of(problem: JointProblem, variables: Array) -> Array:
 
 
 def _parameters(problem: JointProblem, pairs: tuple[tuple[int, int], ...]) -> Array:
-    # Inputs recovered from noisy poses can lie outside the limits, further than the rates lead back in a step.
+    # Inputs recovered from noisy poses can lie further outside the limits than the rates lead back in a step.
     previous = np.clip(problem.previous_inputs, -problem.input_bounds, problem.input_bounds)
     return np.concatenate(
         [
