@@ -1,5 +1,6 @@
 """The command line ``unspoken``."""
 
+import re
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -108,7 +109,8 @@ def _prepared(scenario: str, goals: GoalsName, solver: SolverName, clock: str, s
 
 def _conduct(experiment: Experiment, out: Path | None, stream: Stream, begin: str) -> None:
     facts = experiment.facts
-    directory = out or Path("runs") / f"{facts.scenario}-{facts.goals}-{datetime.now():%Y%m%d-%H%M%S}"
+    name = re.sub(r"[^\w.-]", "-", facts.scenario)  # it may hold anything, a slash too
+    directory = out or Path("runs") / f"{name}-{facts.goals}-{datetime.now():%Y%m%d-%H%M%S}"
     raise typer.Exit(conduct(experiment, directory, stream, begin))
 
 

@@ -6,7 +6,6 @@ import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 PATIENCE_S = 5.0
@@ -33,12 +32,7 @@ class Crew:
         """Nothing runs yet."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         """End what still runs: ask first, insist after ``PATIENCE_S``."""
         for name in self._processes:
             self.ask_to_end(name)

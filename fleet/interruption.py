@@ -1,7 +1,7 @@
 """Ctrl-C, SIGTERM and a closed terminal as a wish to end in order."""
 
 import signal
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Self
 
 
@@ -27,12 +27,7 @@ class Interruption:
         self._former = {number: signal.signal(number, self._handle) for number in taken}
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         """Give the signals back."""
         for number, handler in self._former.items():
             signal.signal(number, handler)

@@ -17,7 +17,7 @@ from protocol.codec import MessageError, decode
 from protocol.keys import Keys
 from protocol.messages import Truth
 from protocol.scenario import ScenarioRobot
-from protocol.session import bench_session, open_in_background
+from protocol.session import bench_session, open_in_background, reason_of
 
 LOOK_S = 0.1
 """How often the bench looks after processes and interruptions while nothing arrives."""
@@ -37,7 +37,7 @@ def run_processes(
 
     Args:
         experiment: what to run.
-        log_directory: where each process writes its log; it exists.
+        log_directory: made here; each process writes its log into it.
         interruption: looked at while waiting.
 
     Raises:
@@ -45,6 +45,7 @@ def run_processes(
             is told after the verdict of the others.
         KeyboardInterrupt: an interruption came before the world could give a verdict, or came twice.
     """
+    log_directory.mkdir()
     with tempfile.TemporaryDirectory(prefix="unspoken-") as directory, Crew(log_directory) as crew:
         endpoint = f"unixsock-stream/{directory}/world.sock"
         crew.start(WORLD, "world", _world_settings(experiment, endpoint))
@@ -108,7 +109,7 @@ class _Bench:
                 self._give_up_without(self._crew.ended())
                 continue
             if isinstance(session, zenoh.ZError):
-                raise ProcessFailedError(f"the bench cannot reach its world: {session}")
+                raise ProcessFailedError(f"the bench cannot reach its world: {reason_of(session)}")
             return session
 
     def subscribe(self, session: zenoh.Session) -> Iterator[BusMessage]:

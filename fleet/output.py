@@ -1,7 +1,6 @@
 """What a run leaves behind: the recording, the summary, the picture and the logs, in one directory."""
 
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from fleet.course import Course
@@ -46,20 +45,14 @@ class Output:
                 raise OutputError(
                     f"{self.directory} is not empty; choose another directory with --out, or remove it"
                 )
-            self.logs.mkdir()
         except OSError as error:
             raise OutputError(f"{self.directory} cannot be used for the output: {error.strerror}") from error
         self._recorder.__enter__()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         """Close the recording, whatever happened."""
-        self._recorder.__exit__(kind, error, traceback)
+        self._recorder.__exit__()
 
     def take(self, message: BusMessage) -> None:
         """Record a message and count it.

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Final, Self
 
 from mcap.data_stream import RecordBuilder
@@ -111,12 +110,7 @@ class Recorder:
             self._writer.add_message(channel, received_ns, data, publish_time=received_ns, sequence=sequence)
             self._settle()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         """Write the rest and the index, and close the file.
 
         Raises:

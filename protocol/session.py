@@ -4,6 +4,7 @@ The world is the router of its own star; robots and the bench are clients of it.
 multicast, gossip and shared memory are off, so that every message passes through the world.
 """
 
+import re
 import threading
 from collections.abc import Callable
 from typing import Literal
@@ -127,6 +128,11 @@ def robot_session(connect: str) -> SessionSettings:
 def bench_session(connect: str) -> SessionSettings:
     """The experimenter's bench: a client like a robot, with other keys."""
     return SessionSettings(mode="client", connect=Connect(endpoints=(connect,)))
+
+
+def reason_of(error: zenoh.ZError) -> str:
+    """What Zenoh complains about, without the places in its own source."""
+    return re.sub(r" at /\S+?\.rs:\d+\.?", "", str(error))
 
 
 def open_in_background(

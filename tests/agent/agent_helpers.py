@@ -37,7 +37,7 @@ def published() -> dict[str, Any]:
 
 
 def euler(state: Sequence[float], inputs: Iterable[Sequence[float]], step_s: float = STEP_S) -> Array:
-    """Eq. 10 written as a loop over plain numbers, shape (K + 1, 4)."""
+    """Eq. 8 written as a loop over plain numbers, shape (K + 1, 4)."""
     x, y, heading, speed = state
     states = [(x, y, heading, speed)]
     for turn_rate, acceleration in inputs:
