@@ -12,6 +12,7 @@ import zenoh
 from fleet.crew import Crew, ProcessFailedError
 from fleet.experiment import Experiment
 from fleet.interruption import Interruption
+from fleet.stragglers import Stragglers
 from fleet.stream import KINDS, BusMessage
 from protocol.codec import MessageError, decode
 from protocol.keys import Keys
@@ -21,6 +22,9 @@ from protocol.session import bench_session, open_in_background, reason_of
 
 LOOK_S = 0.1
 """How often the bench looks after processes and interruptions while nothing arrives."""
+
+STRAGGLERS_S = 1.0
+"""How long a message that the verdict has overtaken may take."""
 
 WORLD = "world"
 
@@ -131,8 +135,8 @@ class _Bench:
             time.sleep(LOOK_S)
 
     def listen(self) -> Iterator[BusMessage]:
-        """Messages up to the truth with the verdict."""
-        verdict = None
+        """Messages up to the truth with the verdict, and those that it has overtaken."""
+        stragglers, verdict = Stragglers(), None
         while verdict is None:
             self._hand_on_interruption()
             try:
@@ -142,18 +146,35 @@ class _Bench:
                 if self._inbox.empty():  # what processes said before they ended counts first
                     self._give_up_without(ended)
                 continue
-            try:
-                message = self._decoded(*item)
-            except (MessageError, KeyError) as error:
-                log.warning("not recorded", key=item[0], reason=str(error))
-                continue
-            if isinstance(message.message, Truth):
-                self._begun = True
-                verdict = message.message.verdict
-            yield message
+            for message in self._readable(*item):
+                stragglers.add(message.message)
+                if isinstance(message.message, Truth):
+                    self._begun = True
+                    verdict = message.message.verdict
+                yield message
+        yield from self._take_in(stragglers)
         failures = [account for name, account in self._crew.ended().items() if name != WORLD]
         if failures:
             raise ProcessFailedError("\n".join(failures))
+
+    def _take_in(self, stragglers: Stragglers) -> Iterator[BusMessage]:
+        """Messages until the last command is there, or none has come for a while."""
+        while stragglers.on_their_way():
+            try:
+                item = self._inbox.get(timeout=STRAGGLERS_S)
+            except Empty:
+                log.warning("the recording lacks commands of the last step")
+                return
+            for message in self._readable(*item):
+                stragglers.add(message.message)
+                yield message
+
+    def _readable(self, key: str, payload: bytes, time_ns: int) -> Iterator[BusMessage]:
+        """The message, if it is one."""
+        try:
+            yield self._decoded(key, payload, time_ns)
+        except (MessageError, KeyError) as error:
+            log.warning("not recorded", key=key, reason=str(error))
 
     def _decoded(self, key: str, payload: bytes, time_ns: int) -> BusMessage:
         return BusMessage(key, decode(KINDS[self._keys.kind_of(key)], payload), time_ns)

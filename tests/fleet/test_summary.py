@@ -13,11 +13,13 @@ from fleet.summary import Summary, Tally
 from protocol.messages import Message
 
 
-def summarise(facts: RunFacts, messages: Iterable[Message], verdict: str | None = None) -> dict[str, Any]:
+def summarise(
+    facts: RunFacts, messages: Iterable[Message], without_verdict: str = "interrupted"
+) -> dict[str, Any]:
     tally = Tally()
     for message in messages:
         tally.add(message)
-    content: dict[str, Any] = json.loads(tally.summary(facts, verdict).model_dump_json(by_alias=True))
+    content: dict[str, Any] = json.loads(tally.summary(facts, without_verdict).model_dump_json(by_alias=True))
     return content
 
 
@@ -99,9 +101,14 @@ def test_a_run_that_ended_before_any_truth_has_a_summary(facts: RunFacts) -> Non
     assert (content["steps"], content["duration_s"], content["robots"]) == (0, None, [])
 
 
-def test_the_caller_may_know_better_how_the_run_ended(facts: RunFacts, make_truth: Any) -> None:
-    assert summarise(facts, [make_truth(1, {"1": {}})])["verdict"] == "interrupted"
-    assert summarise(facts, [make_truth(1, {"1": {}}, verdict="arrived")], "failed")["verdict"] == "failed"
+def test_the_caller_says_how_a_run_without_verdict_ended(facts: RunFacts, make_truth: Any) -> None:
+    unjudged = [make_truth(1, {"1": {}})]
+    assert summarise(facts, unjudged)["verdict"] == "interrupted"
+    assert summarise(facts, unjudged, "failed")["verdict"] == "failed"
+
+
+def test_the_verdict_of_the_referee_stands(facts: RunFacts, make_truth: Any) -> None:
+    assert summarise(facts, [make_truth(1, {"1": {}}, verdict="arrived")], "failed")["verdict"] == "arrived"
 
 
 def test_a_recording_gives_the_same_summary_as_the_run(

@@ -1,0 +1,163 @@
+"""What inverse optimal control makes of observed driving, in cases whose answer is known."""
+
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+from agent_helpers import LOOSE, WEIGHTS, problem_of, remembered, scene_of, square
+
+from agent.estimation import inverse_optimal_control
+from agent.estimation.constant_acceleration import ConstantAcceleration
+from agent.estimation.inverse_optimal_control import InverseOptimalControl
+from agent.solver.reference import ReferenceSolver
+from agent.solver.starts import cold_start
+
+STEPS = 15
+LARGE = square(1000.0)
+
+
+def optimal_window(start: tuple[float, ...], goal: tuple[float, ...], weights=WEIGHTS) -> np.ndarray:
+    """States (K_E + 1, 4) that are optimal for a goal with a free end, nothing in the way and no limit met.
+
+    The stage costs up to K_E − 1 are all that eq. 2 has beside its fixed end, so all multipliers vanish.
+    """
+    problem = problem_of([start], [goal], limits=LOOSE, area_m=1000.0, weights=weights, steps=STEPS - 1)
+    solution = ReferenceSolver().solve(problem, np.zeros((1, STEPS - 1, 2)))
+    assert solution.solved
+    optimum = solution.states[0]
+    x, y, heading, speed = optimum[-1]
+    beyond = (x + 0.1 * speed * math.cos(heading), y + 0.1 * speed * math.sin(heading), heading, speed)
+    return np.concatenate([optimum, [beyond]])
+
+
+def crossing(random: np.random.Generator) -> dict[str, np.ndarray]:
+    """Three robots that really solve one joint problem within all limits, up to the state after K_E + 1."""
+    states = [(-3.0, 0.0, 0.1, 1.0), (0.0, -3.0, 1.5, 1.5), (3.0, 1.0, 3.1, 0.5)]
+    goals = [(4.0, 0.5, 0.0, 0.0), (0.5, 4.0, 1.5, 0.0), (-4.0, -0.5, 3.0, 0.0)]
+    moved = np.array(goals) + random.uniform(-0.5, 0.5, (3, 4)) * [1, 1, 0.3, 0]
+    problem = problem_of(states, moved)
+    solution = ReferenceSolver().solve(problem, cold_start(problem))
+    assert solution.solved
+    return dict(zip("abc", solution.states[:, : STEPS + 2], strict=True))
+
+
+@pytest.mark.parametrize(
+    ("start", "goal"),
+    [
+        ((0.0, 0.0, 0.3, 2.0), (3.0, 2.0, 0.9, 0.0)),
+        ((-2.0, 1.0, 2.0, 1.0), (-4.0, 4.0, 1.5, 0.0)),
+        ((1.0, 1.0, -1.0, 3.0), (6.0, -4.0, -0.2, 0.0)),
+    ],
+)
+def test_the_goal_of_a_drive_that_is_optimal_and_meets_no_limit_is_recovered(start, goal):
+    scene = scene_of("a", limits=LOOSE, area=LARGE)
+    window = optimal_window(start, goal)
+    estimate = InverseOptimalControl(scene).estimate(remembered({"a": window}))["a"]
+    assert estimate == pytest.approx(goal, abs=0.01)
+
+
+def test_the_goal_is_recovered_with_the_weights_of_the_scene():
+    """A drive that was optimal for other weights gives another goal."""
+    goal, weights = (3.0, 2.0, 0.9, 0.0), (1.0, 2.0, 0.5, 0.1)
+    memory = remembered({"a": optimal_window((0.0, 0.0, 0.3, 2.0), goal, weights)})
+    names = ("x", "y", "heading", "speed")
+    right = scene_of("a", limits=LOOSE, area=LARGE, weights=dict(zip(names, weights, strict=True)))
+    wrong = scene_of("a", limits=LOOSE, area=LARGE)
+    assert InverseOptimalControl(right).estimate(memory)["a"] == pytest.approx(goal, abs=0.01)
+    assert np.linalg.norm(InverseOptimalControl(wrong).estimate(memory)["a"][:2] - goal[:2]) > 0.1
+
+
+def test_another_robot_far_away_does_not_change_a_recovered_goal():
+    scene = scene_of("ab", limits=LOOSE, area=LARGE)
+    goal = (3.0, 2.0, 0.9, 0.0)
+    tracks = {
+        "a": optimal_window((0.0, 0.0, 0.3, 2.0), goal),
+        "b": optimal_window((200.0, 0.0, 1.0, 2.0), (205.0, 5.0, 1.0, 0.0)),
+    }
+    assert InverseOptimalControl(scene).estimate(remembered(tracks))["a"] == pytest.approx(goal, abs=0.01)
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.8, -2.4])
+def test_a_robot_that_drives_straight_is_going_straight_ahead(heading):
+    """By symmetry: nothing distinguishes its left from its right."""
+    direction = np.array([math.cos(heading), math.sin(heading)])
+    start = (*(-3.0 * direction), heading, 0.0)
+    problem = problem_of([start], [(*(4.0 * direction), heading, 0.0)])
+    solution = ReferenceSolver().solve(problem, np.zeros((1, 30, 2)))
+    window = solution.states[0, : STEPS + 1]
+    scene = scene_of("a", area=LARGE)
+    estimate = InverseOptimalControl(scene).estimate(remembered({"a": window}))["a"]
+    ahead = estimate[:2] - window[-1, :2]
+    assert ahead @ direction > 0.5
+    assert ahead @ [-direction[1], direction[0]] == pytest.approx(0.0, abs=1e-3)
+    assert estimate[2:] == pytest.approx([heading, 0.0], abs=1e-3)
+
+
+def test_turning_and_moving_the_whole_scene_turns_and_moves_the_estimates():
+    tracks = crossing(np.random.default_rng(3))
+    angle, shift = 2.1, np.array([7.0, -5.0])
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    moved = {
+        robot: np.column_stack([track[:, :2] @ turn.T + shift, track[:, 2] + angle, track[:, 3]])
+        for robot, track in tracks.items()
+    }
+    scene = scene_of("abc", area=LARGE)
+    here, there = (InverseOptimalControl(scene).estimate(remembered(each)) for each in (tracks, moved))
+    for robot in "abc":
+        expected = [*(turn @ here[robot][:2] + shift), here[robot][2] + angle, 0.0]
+        assert there[robot] == pytest.approx(expected, abs=2e-3)
+
+
+def test_until_enough_steps_were_seen_the_constant_acceleration_model_stands_in():
+    scene = scene_of("abc")
+    tracks = crossing(np.random.default_rng(4))
+    simple, inverse = ConstantAcceleration(scene), InverseOptimalControl(scene)
+    for count in (1, 2, STEPS):
+        memory = remembered({robot: track[:count] for robot, track in tracks.items()})
+        expected = simple.estimate(memory)
+        for robot, estimate in inverse.estimate(memory).items():
+            np.testing.assert_array_equal(estimate, expected[robot])
+    memory = remembered({robot: track[: STEPS + 1] for robot, track in tracks.items()})
+    expected = simple.estimate(memory)
+    for robot, estimate in inverse.estimate(memory).items():
+        assert np.linalg.norm(estimate - expected[robot]) > 0.5
+
+
+def test_each_robot_changes_over_when_it_was_seen_for_long_enough():
+    scene = scene_of("abc")
+    tracks = crossing(np.random.default_rng(4))
+    memory = remembered(tracks | {"c": tracks["c"][-STEPS:]})
+    expected = ConstantAcceleration(scene).estimate(memory)
+    estimates = InverseOptimalControl(scene).estimate(memory)
+    assert {robot for robot in "abc" if (estimates[robot] == expected[robot]).all()} == {"c"}
+
+
+def test_a_program_that_is_not_solved_leaves_the_constant_acceleration_estimate(monkeypatch):
+    """PIQP is given no iterations."""
+    genuine = ca.conic
+
+    def impatient(name, plugin, structure, options):
+        return genuine(name, plugin, structure, options | {"piqp.max_iter": 1})
+
+    monkeypatch.setattr(inverse_optimal_control.ca, "conic", impatient)
+    scene = scene_of("abc")
+    memory = remembered(crossing(np.random.default_rng(4)))
+    expected = ConstantAcceleration(scene).estimate(memory)
+    for robot, estimate in InverseOptimalControl(scene).estimate(memory).items():
+        np.testing.assert_array_equal(estimate, expected[robot])
+
+
+def test_goals_are_looked_for_inside_the_area_only():
+    window = optimal_window((0.0, 0.0, 0.3, 2.0), (3.0, 2.0, 0.9, 0.0))
+    scene = scene_of("a", limits=LOOSE, area=square(2.5))
+    estimate = InverseOptimalControl(scene).estimate(remembered({"a": window}))["a"]
+    assert estimate[0] == 2.5
+    assert abs(estimate[1]) <= 2.5
+
+
+def test_a_standing_robot_is_taken_to_stay():
+    """Every goal beside or behind it would explain standing as well; the nearest is taken."""
+    standing = np.tile([1.0, -2.0, 0.4, 0.0], (STEPS + 1, 1))
+    estimate = InverseOptimalControl(scene_of("a")).estimate(remembered({"a": standing}))["a"]
+    assert estimate == pytest.approx([1.0, -2.0, 0.4, 0.0], abs=1e-6)

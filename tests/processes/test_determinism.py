@@ -1,0 +1,65 @@
+"""The same experiment drives the same way, in processes and in virtual time."""
+
+import pytest
+from process_helpers import bundled_with, recorded
+
+from protocol.messages import Mind, Timings
+
+
+def drive(bench, name, *arguments):
+    """The recorded messages of a whole run by key and step, without what differs from run to run."""
+    process = bench(name, *arguments)
+    assert process.end() in (0, 1), process.complained
+    messages = {}
+    for key, message in recorded(process.out):
+        same = message.model_copy(update={"epoch": 0})
+        if isinstance(message, Mind):
+            same = same.model_copy(update={"timings_ms": Timings()})
+        place = (key, getattr(message, "step", None))
+        assert place not in messages, f"{place} was recorded twice"
+        messages[place] = same.model_dump_json()
+    return messages
+
+
+def kinds(messages):
+    return {key.partition("/")[0] for key, _ in messages}
+
+
+# The horizons of four robots are halved, so that the fast test is one.
+@pytest.mark.parametrize(
+    ("name", "rules"),
+    [
+        ("2-crossing", {}),
+        ("4-crossing", {"horizons": {"prediction_steps": 15, "estimation_steps": 8}}),
+    ],
+)
+def test_processes_in_lock_step_and_virtual_time_agree_bit_for_bit(tmp_path, bench, name, rules):
+    scenario = bundled_with(tmp_path / "scenario.yaml", name, time_limit_s=2.0, **rules)
+    processes = drive(bench, "run", "run", scenario)
+    assert kinds(processes) == {"scene", "pose", "truth", "mind", "command"}
+    assert max(step for key, step in processes if key == "truth") == 20
+    assert processes == drive(bench, "simulate", "simulate", scenario)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["2-crossing", "4-crossing"])
+def test_whole_runs_in_processes_and_in_virtual_time_agree_bit_for_bit(bench, name):
+    processes = drive(bench, "run", "run", name)
+    assert len(processes) > 100
+    assert processes == drive(bench, "simulate", "simulate", name)
+
+
+def test_noise_follows_the_seed_and_nothing_else(tmp_path, bench):
+    scenario = bundled_with(
+        tmp_path / "scenario.yaml",
+        "2-crossing",
+        time_limit_s=1.0,
+        horizons={"prediction_steps": 8, "estimation_steps": 4},
+        sensing={"position_noise_m": 0.02, "heading_noise_rad": 0.01, "dropout": 0.1},
+    )
+    one, again = (drive(bench, name, "run", scenario, "--seed", 3) for name in ("one", "again"))
+    virtual = drive(bench, "virtual", "simulate", scenario, "--seed", 3)
+    other = drive(bench, "other", "simulate", scenario, "--seed", 4)
+    assert one == again == virtual
+    assert other["pose/1", 0] != virtual["pose/1", 0]
+    assert other["truth", 10] != virtual["truth", 10], "noise reaches the decisions"
