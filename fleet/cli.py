@@ -3,6 +3,7 @@
 import re
 from datetime import datetime
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
@@ -28,8 +29,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Mobile robots that cross each other's way without communicating.",
 )
-app.command("world")(world.__main__.main)
-app.command("agent")(agent.__main__.main)
 
 ScenarioArgument = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="A scenario file, or the name of a bundled one such as 8a.")
@@ -97,6 +96,26 @@ def simulate(
         lambda _logs, interruption: simulate_messages(experiment, interruption),
         f"preparing {_robots(experiment)}",
     )
+
+
+app.command("world")(world.__main__.main)
+app.command("agent")(agent.__main__.main)
+
+
+def _tell_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"unspoken {version('unspoken')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    _version: Annotated[
+        bool,
+        typer.Option("--version", callback=_tell_version, is_eager=True, help="Tell the version and exit."),
+    ] = False,
+) -> None:
+    """Options of the command itself."""
 
 
 def _prepared(scenario: str, goals: GoalsName, solver: SolverName, clock: str, seed: int) -> Experiment:
