@@ -1,6 +1,5 @@
 """``python -m agent``: the command line of one robot's process."""
 
-import signal
 from typing import Annotated
 
 import typer
@@ -14,6 +13,7 @@ from protocol.codec import MessageError
 from protocol.keys import Name
 from protocol.scene import Goal
 from protocol.session import reason_of
+from protocol.signals import on_wish_to_end
 
 WRONG_USAGE = 2
 FAILED = 3
@@ -92,8 +92,7 @@ def main(
     Exit status: 0 stopped, 2 wrong usage, 3 the world does not fit this robot or cannot be reached at all.
     """
     process = RobotProcess(RobotOptions(robot, parse_goal(goal), connect, run, goals, solver))
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda _number, _frame: process.stop())
+    on_wish_to_end(process.stop)
     try:
         process.run()
     except (SceneError, MessageError) as error:

@@ -46,12 +46,12 @@ class RobotProcess:
         self._options = options
         self._keys = Keys(options.run)
         self._log = structlog.get_logger("agent").bind(robot=options.robot)
-        # The queue's put is safe in signal handlers and in Zenoh's callbacks; None stands for the end.
+        # None stands for the end.
         self._inbox: SimpleQueue[bytes | None] = SimpleQueue()
         self._stopped = False
 
     def stop(self) -> None:
-        """End :meth:`run` soon; may be called from a signal handler."""
+        """End :meth:`run` soon; may be called from any thread."""
         self._stopped = True
         self._inbox.put(None)
 

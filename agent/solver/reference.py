@@ -17,6 +17,13 @@ from agent.vehicle import Array, symbolic_step
 PENALTY_PER_M2 = 1e4
 """Weight of a violated distance row d² − ‖Δp‖² ≤ 0; far above the multipliers of crossings, so exact."""
 
+ROOM = 1e-3
+"""Room in m and m/s around a braking vehicle where bounds are widened for it: IPOPT needs an interior."""
+
+ROOM = 1e-3
+"""Room beyond a bound that full braking breaks, in m or m/s: with braking as the only solution, and thus no
+interior, IPOPT would take some such problems for infeasible."""
+
 IPOPT_OPTIONS: dict[str, bool | int | float | str] = {
     "print_time": False,
     "calc_lam_p": False,
@@ -150,10 +157,10 @@ def _bounds(problem: JointProblem, pairs: int) -> dict[str, Array]:
     rows = pairs * (steps + 1 - FIRST_FREE_STAGE)
     braked = problem.rollout(braking_inputs(problem))[:, 1:]
     highest = np.full((robots, steps, 4), np.inf)
-    highest[:, :, :2] = np.maximum(problem.area[1], braked[:, :, :2])
-    highest[:, :, 3] = np.maximum(problem.speed_bounds[:, None], np.abs(braked[:, :, 3]))
+    highest[:, :, :2] = np.maximum(problem.area[1], braked[:, :, :2] + ROOM)
+    highest[:, :, 3] = np.maximum(problem.speed_bounds[:, None], np.abs(braked[:, :, 3]) + ROOM)
     lowest = -highest
-    lowest[:, :, :2] = np.minimum(problem.area[0], braked[:, :, :2])
+    lowest[:, :, :2] = np.minimum(problem.area[0], braked[:, :, :2] - ROOM)
     inputs = np.tile(problem.input_bounds.ravel(), steps)
     rates = np.tile(problem.rate_bounds.ravel(), steps)
     dynamics, free = np.zeros(4 * robots * steps), np.full(rows, np.inf)
@@ -163,6 +170,12 @@ def _bounds(problem: JointProblem, pairs: int) -> dict[str, Array]:
         "lbg": np.concatenate([dynamics, -rates, np.zeros(rows)]),
         "ubg": np.concatenate([dynamics, rates, free]),
     }
+
+
+def _widened(bound: Array, reached: Array) -> Array:
+    """The bound, or as far beyond it as full braking reaches and some room more."""
+    excess = np.maximum(reached - bound, 0.0)
+    return bound + excess + np.minimum(excess, ROOM)
 
 
 def _by_stage(values: Array) -> Array:
