@@ -78,13 +78,14 @@ def _finish(
     try:
         summary = output.finish(without_verdict="interrupted" if failure is None else "failed")
     except OutputError as error:
-        _tell(errors, error)
+        for each in filter(None, (failure, error)):
+            _tell(errors, each)
         return ExitStatus.FAILED
     if summary.robots:
         console.print(robot_table(summary, output.tally.clipped_commands))
     console.print(verdict_line(summary, experiment.scenario.step_s))
-    recorded = f"Recorded in {output.directory}: summary.json, paths.png, run.mcap, logs/"
-    console.print(recorded, markup=False, soft_wrap=True)
+    written = ", ".join(sorted(path.name for path in output.directory.iterdir()))
+    console.print(f"Recorded in {output.directory}: {written}", markup=False, soft_wrap=True)
     if failure is not None:
         _tell(errors, failure)
         return ExitStatus.FAILED

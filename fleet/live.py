@@ -172,9 +172,11 @@ class _Bench:
     def _readable(self, key: str, payload: bytes, time_ns: int) -> Iterator[BusMessage]:
         """The message, if it is one."""
         try:
-            yield self._decoded(key, payload, time_ns)
+            message = self._decoded(key, payload, time_ns)
         except (MessageError, KeyError) as error:
             log.warning("not recorded", key=key, reason=str(error))
+        else:
+            yield message
 
     def _decoded(self, key: str, payload: bytes, time_ns: int) -> BusMessage:
         return BusMessage(key, decode(KINDS[self._keys.kind_of(key)], payload), time_ns)

@@ -78,5 +78,6 @@ class Output:
             summary.write(self.directory / "summary.json")
             draw_paths(self._experiment.scenario, self._course, summary, self.directory / "paths.png")
         except OSError as error:
-            raise OutputError(f"{error.filename}: cannot be written: {error.strerror}") from error
+            where = error.filename or self.directory  # a full disk does not tell the file
+            raise OutputError(f"{where}: cannot be written: {error.strerror}") from error
         return summary

@@ -1,4 +1,4 @@
-"""Property tests are not judged by the clock: the machine is shared. In CI they try the same examples each time."""
+"""Property tests are not judged by the clock: the machine is shared. In CI they repeat the same examples."""
 
 import os
 

@@ -17,12 +17,9 @@ from agent.vehicle import Array, symbolic_step
 PENALTY_PER_M2 = 1e4
 """Weight of a violated distance row d² − ‖Δp‖² ≤ 0; far above the multipliers of crossings, so exact."""
 
-ROOM = 1e-3
-"""Room in m and m/s around a braking vehicle where bounds are widened for it: IPOPT needs an interior."""
-
-ROOM = 1e-3
-"""Room beyond a bound that full braking breaks, in m or m/s: with braking as the only solution, and thus no
-interior, IPOPT would take some such problems for infeasible."""
+ROOM = 1e-2
+"""Room in m and m/s around a braking vehicle where bounds are widened for it: IPOPT needs an interior, and takes
+some problems for infeasible with a tenth of this."""
 
 IPOPT_OPTIONS: dict[str, bool | int | float | str] = {
     "print_time": False,
@@ -157,10 +154,10 @@ def _bounds(problem: JointProblem, pairs: int) -> dict[str, Array]:
     rows = pairs * (steps + 1 - FIRST_FREE_STAGE)
     braked = problem.rollout(braking_inputs(problem))[:, 1:]
     highest = np.full((robots, steps, 4), np.inf)
-    highest[:, :, :2] = np.maximum(problem.area[1], braked[:, :, :2] + ROOM)
-    highest[:, :, 3] = np.maximum(problem.speed_bounds[:, None], np.abs(braked[:, :, 3]) + ROOM)
+    highest[:, :, :2] = _widened(problem.area[1], braked[:, :, :2])
+    highest[:, :, 3] = _widened(problem.speed_bounds[:, None], np.abs(braked[:, :, 3]))
     lowest = -highest
-    lowest[:, :, :2] = np.minimum(problem.area[0], braked[:, :, :2] - ROOM)
+    lowest[:, :, :2] = -_widened(-problem.area[0], -braked[:, :, :2])
     inputs = np.tile(problem.input_bounds.ravel(), steps)
     rates = np.tile(problem.rate_bounds.ravel(), steps)
     dynamics, free = np.zeros(4 * robots * steps), np.full(rows, np.inf)
@@ -173,7 +170,7 @@ def _bounds(problem: JointProblem, pairs: int) -> dict[str, Array]:
 
 
 def _widened(bound: Array, reached: Array) -> Array:
-    """The bound, or as far beyond it as full braking reaches and some room more."""
+    """The bound, or as far beyond it as braking reaches and some room more; continuous where it reaches none."""
     excess = np.maximum(reached - bound, 0.0)
     return bound + excess + np.minimum(excess, ROOM)
 

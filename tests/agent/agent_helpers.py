@@ -63,7 +63,8 @@ def remembered(tracks: Mapping[str, Array], *, estimation_steps: int = 15) -> Me
     for step in range(longest):
         first = {robot: longest - len(track) for robot, track in tracks.items()}
         memory.remember(
-            step, {robot: track[step - first[robot]] for robot, track in tracks.items() if step >= first[robot]}
+            step,
+            {robot: track[step - first[robot]] for robot, track in tracks.items() if step >= first[robot]},
         )
     return memory
 

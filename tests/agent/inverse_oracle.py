@@ -1,6 +1,6 @@
 """Eq. 6 set up and solved in another way: CasADi differentiates the Lagrangian, a dense solver does the rest.
 
-Nothing of the estimator is used but the weight with which it breaks ties between goals.
+Nothing of the estimator is used but the weight with which it prefers near goals.
 """
 
 from dataclasses import dataclass
@@ -23,9 +23,7 @@ class Oracle:
     objective: float
 
 
-def solve_inverse(
-    scene: Scene, robot: str, states: Array, before: Array, others: dict[str, Array]
-) -> Oracle:
+def solve_inverse(scene: Scene, robot: str, states: Array, before: Array, others: dict[str, Array]) -> Oracle:
     """Eq. 6 of a robot.
 
     Args:
@@ -63,9 +61,7 @@ def solve_inverse(
     )
     observed = np.diff(states[:, 2:], axis=0).T / STEP_S
     present = states[-1, :3]
-    slope, by_goal, values, by_controls, terminal = (
-        item.full() for item in evaluate(observed, present)
-    )
+    slope, by_goal, values, by_controls, terminal = (item.full() for item in evaluate(observed, present))
     sizes = [each.numel() for each in constraints]
     stage_of_row = np.repeat(np.arange(steps), sizes)
     complementarity = np.where(stage_of_row == np.arange(steps)[:, None], values.ravel(), 0.0)
@@ -92,9 +88,7 @@ def _stages(state: Array, controls: ca.SX) -> list[ca.SX]:
 
 def _position(others: dict[str, Array], from_the_end: int) -> dict[str, Array]:
     """Where each other robot was at a stage counted from the end, if it was seen then."""
-    return {
-        robot: track[from_the_end, :2] for robot, track in others.items() if len(track) >= -from_the_end
-    }
+    return {robot: track[from_the_end, :2] for robot, track in others.items() if len(track) >= -from_the_end}
 
 
 def _constraints(
@@ -103,13 +97,13 @@ def _constraints(
     """All C_k ≤ 0 of one stage (eq. 9 and eq. 10)."""
     limits, area = scene.robot(robot).limits, scene.area
     previous = controls[:, k - 1] if k else ca.DM(before)
-    change = (controls[:, k] - previous) / STEP_S
+    rate = (controls[:, k] - previous) / STEP_S
     bounded = [
         (stage[3], limits.speed_mps),
         (controls[0, k], limits.turn_rate_radps),
         (controls[1, k], limits.acceleration_mps2),
-        (STEP_S * change[0], STEP_S * limits.turn_acceleration_radps2),
-        (STEP_S * change[1], STEP_S * limits.jerk_mps3),
+        (rate[0], limits.turn_acceleration_radps2),
+        (rate[1], limits.jerk_mps3),
     ]
     return ca.vertcat(
         stage[0] - area.x_max_m,

@@ -100,7 +100,9 @@ def test_a_gap_is_filled_by_interpolation_once_the_robot_is_seen_again(gap):
     end = 5 + gap
     turned = (moving(end)[0], 3.0, -0.9, 1.0)
     memory.remember(end, {"a": moving(end), "b": turned})
-    expected = [np.interp(np.arange(4, end + 1), [4, end], ends) for ends in zip(moving(4), turned, strict=True)]
+    expected = [
+        np.interp(np.arange(4, end + 1), [4, end], ends) for ends in zip(moving(4), turned, strict=True)
+    ]
     np.testing.assert_allclose(memory.states("b", gap + 2), np.transpose(expected), atol=1e-12)
     assert len(memory.states("b", 100)) == min(WINDOW, end + 1)
 
@@ -165,7 +167,9 @@ def test_skipped_steps_are_filled_like_gaps():
     filled = memory.states("a", 100)
     assert len(filled) == 6
     np.testing.assert_allclose(filled[[0, 1, 4, 5]], states[[0, 1, 4, 5]])
-    np.testing.assert_allclose(filled[2:4], [(2 * states[1] + states[4]) / 3, (states[1] + 2 * states[4]) / 3])
+    np.testing.assert_allclose(
+        filled[2:4], [(2 * states[1] + states[4]) / 3, (states[1] + 2 * states[4]) / 3]
+    )
 
 
 def test_new_robots_join_at_any_step():

@@ -1,4 +1,4 @@
-"""The agent's vehicle model against a plain loop, closed forms, finite differences and CasADi's derivatives."""
+"""The vehicle model against a plain loop, closed forms, finite differences and CasADi's derivatives."""
 
 import math
 
@@ -34,9 +34,7 @@ def test_a_rollout_of_many_robots_is_the_rollout_of_each():
 
 def test_constant_acceleration_straight_on_follows_the_sum_of_an_arithmetic_series():
     heading, speed, acceleration, steps = 0.7, 1.5, -2.0, 25
-    end = rollout(
-        np.array([1.0, -1.0, heading, speed]), np.tile([0.0, acceleration], (steps, 1)), STEP_S
-    )[-1]
+    end = rollout(np.array([1.0, -1.0, heading, speed]), np.tile([0.0, acceleration], (steps, 1)), STEP_S)[-1]
     way = speed * steps * STEP_S + acceleration * STEP_S**2 * steps * (steps - 1) / 2
     expected = (1.0 + way * math.cos(heading), -1.0 + way * math.sin(heading), heading)
     assert end == pytest.approx([*expected, speed + acceleration * steps * STEP_S])

@@ -1,13 +1,13 @@
 """The publication's goal estimates at 1.6 s beside those computed here from its own positions.
 
-The figure shows positions of rows 0 to 15, while its estimates belong to the window of rows 1 to 16. Headings and
-speeds are those of eq. 8 between positions; those of row 15, and row 16 as a whole, are extrapolated. Mean distances
-to the published estimates, with the weights that this project chose (the publication states none):
+The figure shows positions of rows 0 to 15, while its estimates belong to the window of rows 1 to 16. Headings
+and speeds are those of eq. 8 between positions; those of row 15, and row 16 as a whole, are extrapolated.
+Mean distances to the published estimates, with this project's weights (the publication states none):
 
 | window | inverse optimal control | constant acceleration |
 | --- | --- | --- |
-| rows 0 to 15 | 2.34 m (largest 3.80 m) | 9.43 m |
-| rows 1 to 16 | 1.79 m (largest 3.29 m) | 9.61 m |
+| rows 0 to 15 | 0.94 m (largest 1.99 m) | 9.43 m |
+| rows 1 to 16 | 0.75 m (largest 1.87 m) | 9.61 m |
 """
 
 import math
@@ -64,19 +64,26 @@ def test_the_reconstructed_states_drive_through_the_published_positions(tracks):
 
 
 def test_estimates_from_the_published_rows_lie_near_the_published_ones(tracks):
-    assert distances(InverseOptimalControl, tracks).mean() < 2.45
+    assert distances(InverseOptimalControl, tracks).mean() < 1.0
 
 
 def test_estimates_from_the_window_of_the_published_ones_lie_nearer(tracks):
     on = {robot: one_row_on(track) for robot, track in tracks.items()}
     found = distances(InverseOptimalControl, on)
-    assert found.mean() < 1.9
-    assert found.max() < 3.5
-    assert found.mean() < 0.8 * distances(InverseOptimalControl, tracks).mean()
+    assert found.mean() < 0.8
+    assert found.max() < 2.0
+    assert found.mean() < 0.9 * distances(InverseOptimalControl, tracks).mean()
 
 
-def test_they_lie_several_times_nearer_than_those_of_constant_acceleration(tracks):
+def test_they_lie_ten_times_nearer_than_those_of_constant_acceleration(tracks):
     on = {robot: one_row_on(track) for robot, track in tracks.items()}
     inverse, simple = (distances(each, on) for each in (InverseOptimalControl, ConstantAcceleration))
-    assert inverse.mean() < simple.mean() / 5
-    assert (inverse < simple / 3).all()
+    assert inverse.mean() < simple.mean() / 10
+    assert (inverse < simple / 4).all()
+
+
+def test_goal_headings_stay_near_the_present_ones(tracks):
+    """No robot is taken to be spinning towards a goal many turns away; 0.07 rad is the most measured."""
+    estimates = InverseOptimalControl(scene_of(ROBOTS)).estimate(remembered(tracks))
+    turns = [estimates[robot][2] - track[-1, 2] for robot, track in tracks.items()]
+    np.testing.assert_allclose(turns, 0.0, atol=0.2)

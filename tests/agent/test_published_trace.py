@@ -1,8 +1,8 @@
 """The first second of the publication's run of scenario 8a with exchanged goals, driven again in closed loop.
 
-The optimum at the start is a roundabout whose two directions cost the same. The publication's turns clockwise and this
-project's the other way, so positions are compared after mirroring x. The largest distance measured is 3.5 mm; it is
-26 cm without the mirroring, and 13 cm for robots that would drive straight at the published speeds.
+The optimum at the start is a roundabout whose two directions cost the same. The publication's turns clockwise
+and this project's the other way, so positions are compared after mirroring x. The largest distance is 3.5 mm;
+without mirroring it is 26 cm, and robots that drove straight at the published speeds would be 13 cm away.
 """
 
 from collections.abc import Callable, Mapping

@@ -21,7 +21,7 @@ def solve(problem: JointProblem, guess: np.ndarray | None = None) -> Solution:
 
 
 def crossing(robots: int = 4, seed: int = 0, **settings) -> JointProblem:
-    """Robots on a circle, each bound for the opposite side, at some speed and not quite in the right direction."""
+    """Robots on a circle, each bound for the opposite side, at some speed and heading not quite there."""
     random = np.random.default_rng(seed)
     angles = np.arange(robots) * math.tau / robots + random.uniform(-0.2, 0.2, robots)
     around = np.column_stack([np.cos(angles), np.sin(angles)])
