@@ -7,11 +7,13 @@ from protocol.vehicle import Input, Limits, reachable_inputs
 def first_input(plan: Plan, limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
     """The receding horizon: only the plan's first input is driven.
 
-    Solvers keep limits to a tolerance; what is commanded keeps them exactly.
+    Solvers keep limits to a tolerance; what is commanded keeps those of inputs and rates exactly, and that of
+    the speed as far as they allow.
     """
-    turn_rate, acceleration = reachable_inputs(limits, previous, step_s).clip(Input(*plan.inputs[0].tolist()))
+    turn_rate, acceleration = plan.inputs[0].tolist()
     slowest, fastest = ((bound - speed_mps) / step_s for bound in (-limits.speed_mps, limits.speed_mps))
-    return Input(turn_rate, min(max(acceleration, slowest), fastest))
+    wanted = Input(turn_rate, min(max(acceleration, slowest), fastest))
+    return reachable_inputs(limits, previous, step_s).clip(wanted)
 
 
 def without_a_plan(limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 from protocol.vehicle import Input, Limits, reachable_inputs
 
-ROUNDING = 1e-6
+ROUNDING = 1e-5
 """Inputs nearer than this, in rad/s or m/s², count as equal.
 
-A robot's solver meets its limits up to a tolerance, so a command at a limit lies a rounding error beyond it
-every other time. That is no violation.
+A robot's solver meets its limits up to a tolerance, and a speed limit that is met to 1e-7 m/s is an
+acceleration to 1e-6 m/s². That is no violation.
 """
 
 

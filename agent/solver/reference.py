@@ -18,8 +18,8 @@ PENALTY_PER_M2 = 1e4
 """Weight of a violated distance row d² − ‖Δp‖² ≤ 0; far above the multipliers of crossings, so exact."""
 
 ROOM = 1e-2
-"""Room in m and m/s around a braking vehicle where bounds are widened for it: IPOPT needs an interior, and takes
-some problems for infeasible with a tenth of this."""
+"""Room in m and m/s around a braking vehicle where bounds are widened for it: IPOPT needs an interior, and
+takes some problems for infeasible with a tenth of this."""
 
 IPOPT_OPTIONS: dict[str, bool | int | float | str] = {
     "print_time": False,
@@ -170,7 +170,7 @@ def _bounds(problem: JointProblem, pairs: int) -> dict[str, Array]:
 
 
 def _widened(bound: Array, reached: Array) -> Array:
-    """The bound, or as far beyond it as braking reaches and some room more; continuous where it reaches none."""
+    """The bound, or as far beyond it as braking reaches, and then some room more, without a jump."""
     excess = np.maximum(reached - bound, 0.0)
     return bound + excess + np.minimum(excess, ROOM)
 

@@ -35,6 +35,12 @@ def test_what_is_driven_can_be_reached_and_keeps_the_speed_limit(held, rate, sha
     assert abs(speed + STEP_S * control.acceleration_mps2) <= 4.5
 
 
+def test_a_speed_beyond_the_limit_is_left_as_fast_as_can_be_reached():
+    """As when a speed was observed with noise."""
+    control = first_input(plan_with(0.0, 0.0), Limits(), STANDSTILL, 4.8, STEP_S)
+    assert control == pytest.approx((0.0, -0.7))
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_at_the_speed_limit_the_rest_of_the_way_up_to_it_is_driven(sign):
     """The tolerance of a solver would otherwise lead a rounding error beyond it."""

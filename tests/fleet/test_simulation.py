@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 import yaml
 
+from agent.agent import Agent
 from fleet.experiment import Experiment, prepare
 from fleet.interruption import Interruption
 from fleet.simulation import simulate
 from fleet.stream import KINDS, BusMessage
 from protocol.keys import Keys
-from protocol.messages import Observation
 
 STEPS = 5
 
@@ -23,7 +23,13 @@ def experiment(tmp_path: Path) -> Experiment:
         {"id": i, "start": {"x_m": 0.0, "y_m": 2.0 * i}, "goal": {"x_m": 4.0, "y_m": 2.0 * i}} for i in (1, 2)
     ]
     horizons = {"prediction_steps": 4, "estimation_steps": 2}
-    content = {"name": "short", "robots": robots, "horizons": horizons, "time_limit_s": 0.1 * STEPS}
+    content = {
+        "name": "short",
+        "robots": robots,
+        "horizons": horizons,
+        "time_limit_s": 0.1 * STEPS,
+        "sensing": {"position_noise_m": 0.02},
+    }
     path.write_text(yaml.safe_dump(content))
     return prepare(str(path), goals="ioc", solver="reference", clock="virtual", seed=0)
 
@@ -50,12 +56,26 @@ def test_the_time_of_a_message_is_that_of_its_step(experiment: Experiment) -> No
 
 def test_a_robot_decides_on_what_its_own_sensors_see(experiment: Experiment) -> None:
     keys = Keys(experiment.facts.run)
-    seen = {
-        message.key: message.message
-        for message in simulate(experiment, Interruption())
-        if isinstance(message.message, Observation)
-    }
-    assert set(seen) == {keys.pose("1"), keys.pose("2")}
+    messages = list(simulate(experiment, Interruption()))
+    seen, done = (
+        {
+            robot: [message.message for message in messages if message.key == key(robot)]
+            for robot in ("1", "2")
+        }
+        for key in (keys.pose, keys.command)
+    )
+    assert seen["1"] != seen["2"], "their sensors are noisy"
+    for robot in experiment.scenario.robots:
+        agent = Agent(
+            robot.id,
+            robot.goal_pose(),
+            experiment.scenario.scene(with_goals=False),
+            goals="ioc",
+            solver="reference",
+            clock=lambda: 0.0,
+        )
+        decisions = [agent.decide(observation) for observation in seen[robot.id]]
+        assert [decision and decision.command for decision in decisions] == done[robot.id]
 
 
 def test_an_interrupted_simulation_ends_with_that_verdict_at_the_present_step(experiment: Experiment) -> None:

@@ -82,7 +82,7 @@ def test_inputs_are_held_within_the_published_limits_and_rates(previous, wanted,
     assert clipped == (wanted != expected)
 
 
-@pytest.mark.parametrize(("beyond", "clipped"), [(0.0, False), (5e-7, False), (5e-6, True)])
+@pytest.mark.parametrize(("beyond", "clipped"), [(0.0, False), (5e-6, False), (5e-5, True)])
 def test_a_rounding_error_beyond_a_limit_is_applied_as_the_limit_but_is_no_violation(beyond, clipped):
     wanted = Input(0.0, 0.7 + beyond)
     _, applied, was_clipped = drive(Limits(), VehicleState(0, 0, 0, 0), STANDSTILL, wanted, STEP_S)
