@@ -1,12 +1,8 @@
 """The world's process: a session around a run, and signals that end it."""
 
-import re
 import secrets
-import signal
-import threading
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
-from types import FrameType
 
 import structlog
 import zenoh
@@ -14,7 +10,8 @@ import zenoh
 from protocol.keys import Keys
 from protocol.messages import PublicScene
 from protocol.scenario import Scenario
-from protocol.session import world_session
+from protocol.session import reason_of, world_session
+from protocol.signals import on_wish_to_end
 from world.bus import Bus
 from world.clock import Clock, LockStep, RealTime
 from world.inbox import Inbox
@@ -76,7 +73,7 @@ def run_world(options: WorldOptions) -> ExitStatus:
     world = World(scenario, seed=options.seed, epoch=epoch)
     scene = PublicScene(epoch=epoch, scene=scenario.scene(with_goals=options.exchange_goals))
     inbox = Inbox(world.robots)
-    _interrupt_on_signals(inbox)
+    on_wish_to_end(inbox.interrupt)
     with _open_session(options.listen) as session:
         bus = Bus(session, keys, scene, world.robots, inbox)
         log.info(
@@ -107,20 +104,7 @@ def _open_session(listen: str) -> zenoh.Session:
     try:
         return zenoh.open(world_session(listen).to_zenoh())
     except zenoh.ZError as error:
-        reason = re.sub(r" at /\S+?\.rs:\d+\.?", "", str(error))  # places in Zenoh's own source
         raise EndpointError(
-            f"the endpoint {listen} cannot be opened: {reason}. If another world listens there, end it or "
-            "choose another endpoint with --listen, such as tcp/127.0.0.1:7448."
+            f"the endpoint {listen} cannot be opened: {reason_of(error)}. If another world listens there, end "
+            "it or choose another endpoint with --listen, such as tcp/127.0.0.1:7448."
         ) from error
-
-
-def _interrupt_on_signals(inbox: Inbox) -> None:
-    """Turn SIGINT and SIGTERM into an interruption of the run."""
-
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        # The handler runs inside the main thread, which may be just about to wait and would miss the
-        # call; another thread gets the inbox's lock only when the main thread really waits.
-        threading.Thread(target=inbox.interrupt).start()
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, interrupt)
