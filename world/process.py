@@ -105,6 +105,6 @@ def _open_session(listen: str) -> zenoh.Session:
         return zenoh.open(world_session(listen).to_zenoh())
     except zenoh.ZError as error:
         raise EndpointError(
-            f"the endpoint {listen} cannot be opened: {reason_of(error)}. If another world listens there, end "
-            "it or choose another endpoint with --listen, such as tcp/127.0.0.1:7448."
+            f"the endpoint {listen} cannot be opened: {reason_of(error)}. If another world listens there, "
+            "end it or choose another endpoint with --listen, such as tcp/127.0.0.1:7448."
         ) from error
