@@ -136,8 +136,3 @@ def _conduct(experiment: Experiment, out: Path | None, stream: Stream, begin: st
 def _robots(experiment: Experiment) -> str:
     count = len(experiment.scenario.robots)
     return "1 robot" if count == 1 else f"{count} robots"
-
-
-def main() -> None:
-    """Entry point of the command ``unspoken``."""
-    app()
