@@ -4,13 +4,12 @@ from typing import Annotated
 
 import typer
 import zenoh
-from pydantic import TypeAdapter, ValidationError
 
 from agent.estimation import GoalsName
 from agent.process import RobotOptions, RobotProcess, SceneError
 from agent.solver import SolverName
 from protocol.codec import MessageError
-from protocol.keys import Name
+from protocol.keys import checked_name
 from protocol.scene import Goal
 from protocol.session import reason_of
 from protocol.signals import on_wish_to_end
@@ -18,16 +17,12 @@ from protocol.signals import on_wish_to_end
 WRONG_USAGE = 2
 FAILED = 3
 
-_NAME = TypeAdapter(Name)
-
 
 def _name(value: str) -> str:
     try:
-        return _NAME.validate_python(value)
-    except ValidationError:
-        raise typer.BadParameter(
-            f"{value!r} found, 1 to 32 letters, digits, '-' or '_' are expected, a letter or a digit first"
-        ) from None
+        return checked_name(value)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
 
 
 def _goal(text: str) -> str:

@@ -2,17 +2,16 @@
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from agent.acting import first_input, without_a_plan
 from agent.estimation import ESTIMATORS, GoalsName
+from agent.estimation.interface import known_goal
 from agent.memory import Memory
 from agent.planning import Plan, Planner, plan_of
 from agent.prediction import Prediction, Predictor
 from agent.solver import SOLVERS, SolverName
 from agent.stopwatch import Clock, Stopwatch
 from agent.vehicle import Array
-from protocol.arrival import has_arrived, nearest_turn, wrap_angle
+from protocol.arrival import has_arrived
 from protocol.messages import Command, Mind, Observation, Phase, Positions, State
 from protocol.scene import Goal, Scene
 from protocol.vehicle import Input, braking_input
@@ -113,8 +112,7 @@ class Agent:
     def _plan(self, prediction: Prediction) -> Plan:
         if self._estimator.goals_are_shared:
             return plan_of(prediction, self._robot)
-        heading = nearest_turn(self._goal.heading_rad, self._memory.state(self._robot)[2])
-        goal = np.array([self._goal.x_m, self._goal.y_m, heading, 0.0])
+        goal = known_goal(self._goal, self._memory.state(self._robot))
         return self._planner.plan(self._memory, goal, self._previous_input(), prediction)
 
     def _act(self, thought: _Thought) -> Input:
@@ -150,7 +148,7 @@ class Agent:
             robot=self._robot,
             step=observation.step,
             arrived=self._arrived,
-            estimates={robot: _as_message(goal) for robot, goal in thought.goals.items()},
+            estimates={robot: State.of(*goal.tolist()) for robot, goal in thought.goals.items()},
             prediction={
                 robot: _as_path(path)
                 for robot, path in (thought.prediction.paths if thought.prediction else {}).items()
@@ -160,11 +158,6 @@ class Agent:
             solver_failures=self._solver_failures,
             timings_ms=watch.timings(),
         )
-
-
-def _as_message(state: Array) -> State:
-    x, y, heading, speed = state.tolist()
-    return State(x_m=x, y_m=y, heading_rad=wrap_angle(heading), speed_mps=speed)
 
 
 def _as_path(positions: Array) -> Positions:

@@ -54,13 +54,12 @@ class WarmStarts:
 
     def start(self, problem: JointProblem, robots: Sequence[str]) -> Array:
         """Inputs (M, K, 2): the last ones shifted; the cold start for robots without any."""
-        fresh = cold_start(problem)
-        return np.array(
-            [
-                shifted(self._inputs[robot]) if robot in self._inputs else fresh[index]
-                for index, robot in enumerate(robots)
-            ]
-        )
+        known = {index: robot for index, robot in enumerate(robots) if robot in self._inputs}
+        all_known = len(known) == len(robots)
+        inputs = np.empty((len(robots), problem.steps, 2)) if all_known else cold_start(problem)
+        for index, robot in known.items():
+            inputs[index] = shifted(self._inputs[robot])
+        return inputs
 
     def keep(self, robots: Sequence[str], inputs: Array) -> None:
         """Remember the inputs (M, K, 2) of a solution; all others are forgotten."""

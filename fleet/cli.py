@@ -13,12 +13,12 @@ import agent.__main__
 import world.__main__
 from agent.estimation import GoalsName
 from agent.solver import SolverName
-from fleet.conduct import ExitStatus, Stream, conduct
+from fleet.conduct import Stream, conduct
 from fleet.experiment import Experiment, prepare
 from fleet.live import run_processes
 from fleet.simulation import simulate as simulate_messages
 from protocol.scenario_file import ScenarioError
-from world.process import ClockKind
+from world.process import ClockKind, ExitStatus
 
 VIRTUAL = "virtual"
 """The clock of ``simulate``, as its summary names it."""

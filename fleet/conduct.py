@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from enum import IntEnum
 from pathlib import Path
 
 from rich.console import Console
@@ -15,16 +14,7 @@ from fleet.progress import RunProgress
 from fleet.recording import RecordingError
 from fleet.stream import BusMessage
 from fleet.verdict_table import robot_table, verdict_line
-
-
-class ExitStatus(IntEnum):
-    """How ``unspoken run`` and ``unspoken simulate`` end."""
-
-    ARRIVED = 0
-    ENDED_OTHERWISE = 1
-    WRONG_USAGE = 2
-    FAILED = 3
-
+from world.process import ExitStatus
 
 Stream = Callable[[Path, Interruption], Iterator[BusMessage]]
 """Makes a run's messages, given the directory for logs and the wish to end."""

@@ -3,12 +3,27 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from pydantic import StringConstraints, TypeAdapter
+from pydantic import StringConstraints, TypeAdapter, ValidationError
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$")]
 """A robot's id or a run's name: it becomes one chunk of a key, so it holds no separator and no wildcard."""
 
+NAME_RULE = "1 to 32 letters, digits, '-' or '_' are expected, a letter or a digit first"
+"""What a name looks like, for people."""
+
 _NAME = TypeAdapter(Name)
+
+
+def checked_name(text: str) -> str:
+    """The text, if it is a name; for command lines.
+
+    Raises:
+        ValueError: it is not; told in plain words.
+    """
+    try:
+        return _NAME.validate_python(text)
+    except ValidationError:
+        raise ValueError(f"{text!r} found, {NAME_RULE}") from None
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,11 @@ seconds since step 0. A step is one interval Δt: the world publishes the observ
 answers it with the command of step k, which the world applies until step k + 1.
 """
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from protocol.arrival import wrap_angle
 from protocol.keys import Name
 from protocol.scene import MAX_ROBOTS, Scene
 from protocol.vehicle import Input
@@ -42,6 +43,11 @@ class State(_Strict):
     y_m: Coordinate
     heading_rad: Coordinate
     speed_mps: Coordinate
+
+    @classmethod
+    def of(cls, x_m: float, y_m: float, heading_rad: float, speed_mps: float) -> Self:
+        """A state as messages carry it: with its heading wrapped to [−π, π]."""
+        return cls(x_m=x_m, y_m=y_m, heading_rad=wrap_angle(heading_rad), speed_mps=speed_mps)
 
     def as_tuple(self) -> tuple[float, float, float, float]:
         """(p_x, p_y, ψ, v)."""

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from protocol.keys import Keys
+from protocol.keys import NAME_RULE, checked_name
 from protocol.scenario_file import ScenarioError, load_scenario
 from scenarios import find
 from world.process import ClockKind, EndpointError, ExitStatus, WorldOptions, run_world
@@ -15,12 +15,9 @@ LONGEST_WAIT_S = 86_400.0
 
 def _run_name(value: str) -> str:
     try:
-        return Keys(value).run
+        return checked_name(value)
     except ValueError:
-        raise typer.BadParameter(
-            f"{value!r} is no name of a run: 1 to 32 letters, digits, '-' or '_' are expected, "
-            "a letter or a digit first"
-        ) from None
+        raise typer.BadParameter(f"{value!r} is no name of a run: {NAME_RULE}") from None
 
 
 def _seconds(value: float) -> float:

@@ -23,7 +23,7 @@ FAREWELL_S = 3.0
 
 
 class ExitStatus(IntEnum):
-    """How the process ends."""
+    """How a world ends, and with it a run."""
 
     ARRIVED = 0
     ENDED_OTHERWISE = 1

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from protocol.arrival import wrap_angle
 from protocol.messages import State
 from protocol.scenario import Sensing
 from world.physics import VehicleState
@@ -57,10 +56,5 @@ class Sensors:
         for (robot, state), lot, error in zip(states.items(), lots, errors, strict=True):
             distance_m = math.hypot(state.x_m - own.x_m, state.y_m - own.y_m)
             if robot == self._observer or (distance_m <= self._range_m and lot >= self._dropout):
-                view[robot] = message_state(*(true + off for true, off in zip(state, error, strict=True)))
+                view[robot] = State.of(*(true + off for true, off in zip(state, error, strict=True)))
         return view
-
-
-def message_state(x_m: float, y_m: float, heading_rad: float, speed_mps: float) -> State:
-    """A state as messages carry it: with its heading wrapped to [−π, π]."""
-    return State(x_m=x_m, y_m=y_m, heading_rad=wrap_angle(heading_rad), speed_mps=speed_mps)

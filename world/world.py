@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from protocol.messages import Command, Observation, TrueRobot, Truth
+from protocol.messages import Command, Observation, State, TrueRobot, Truth
 from protocol.scenario import Scenario
 from protocol.vehicle import STANDSTILL, Input, Limits, braking_input
 from world.physics import Driven, VehicleState, drive
 from world.referee import Referee
-from world.sensing import Sensors, message_state
+from world.sensing import Sensors
 
 
 @dataclass
@@ -35,7 +35,6 @@ class World:
     def __init__(self, scenario: Scenario, *, seed: int, epoch: int) -> None:
         self._epoch = epoch
         self._scenario = scenario
-        self._step_s = scenario.step_s
         self._step = 0
         self._vehicles = {
             robot.id: _Vehicle(robot.limits, VehicleState(*robot.start_state())) for robot in scenario.robots
@@ -99,7 +98,9 @@ class World:
             command = commands.get(robot)
             if command is None or self.refusal(robot, command) is not None:
                 vehicle.deadline_misses += 1
-                wanted = braking_input(vehicle.limits, vehicle.applied, vehicle.state.speed_mps, self._step_s)
+                wanted = braking_input(
+                    vehicle.limits, vehicle.applied, vehicle.state.speed_mps, self._scenario.step_s
+                )
                 vehicle.state, vehicle.applied, _ = self._drive(vehicle, wanted)
             else:
                 vehicle.state, vehicle.applied, clipped = self._drive(vehicle, command.input)
@@ -121,7 +122,7 @@ class World:
             time_s=self._scenario.time_s(self._step),
             robots={
                 robot: TrueRobot(
-                    state=message_state(*vehicle.state),
+                    state=State.of(*vehicle.state),
                     turn_rate_radps=vehicle.applied.turn_rate_radps,
                     acceleration_mps2=vehicle.applied.acceleration_mps2,
                     arrived_s=referee.arrived_s[robot],
@@ -137,7 +138,7 @@ class World:
         )
 
     def _drive(self, vehicle: _Vehicle, wanted: Input) -> Driven:
-        return drive(vehicle.limits, vehicle.state, vehicle.applied, wanted, self._step_s)
+        return drive(vehicle.limits, vehicle.state, vehicle.applied, wanted, self._scenario.step_s)
 
     def _observe(self) -> None:
         states = {robot: vehicle.state for robot, vehicle in self._vehicles.items()}

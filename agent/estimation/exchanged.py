@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from agent.estimation.interface import known_goal
 from agent.memory import Memory
 from agent.vehicle import Array
-from protocol.arrival import nearest_turn
 from protocol.scene import Goal, Scene
 
 
@@ -30,8 +30,7 @@ class Exchanged:
         for robot in memory.robots:
             state = memory.state(robot)
             if robot in self._goals:
-                x, y, heading, speed = self._goals[robot].as_state()
-                estimates[robot] = np.array([x, y, nearest_turn(heading, state[2]), speed])
+                estimates[robot] = known_goal(self._goals[robot], state)
             else:
                 estimates[robot] = np.array([*state[:3], 0.0])
         return estimates

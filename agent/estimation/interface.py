@@ -6,7 +6,8 @@ import numpy as np
 
 from agent.memory import Memory
 from agent.vehicle import Array
-from protocol.scene import Area
+from protocol.arrival import nearest_turn
+from protocol.scene import Area, Goal
 
 
 class GoalEstimator(Protocol):
@@ -20,8 +21,14 @@ class GoalEstimator(Protocol):
         ...
 
 
-def goal_inside(area: Area, goal: Array) -> Array:
-    """A goal state with its position moved into the drivable area and its speed zero, shape (4,)."""
-    x = min(max(goal[0], area.x_min_m), area.x_max_m)
-    y = min(max(goal[1], area.y_min_m), area.y_max_m)
-    return np.array([x, y, goal[2], 0.0])
+def goal_inside(area: Area, pose: Array) -> Array:
+    """A pose (p_x, p_y, ψ, …) as a goal state, its position moved into the drivable area, shape (4,)."""
+    x = min(max(pose[0], area.x_min_m), area.x_max_m)
+    y = min(max(pose[1], area.y_min_m), area.y_max_m)
+    return np.array([x, y, pose[2], 0.0])
+
+
+def known_goal(goal: Goal, present: Array) -> Array:
+    """A known goal as a state, its heading within half a turn of that of the present state, shape (4,)."""
+    x, y, heading, speed = goal.as_state()
+    return np.array([x, y, nearest_turn(heading, present[2]), speed])

@@ -81,7 +81,7 @@ class InverseOptimalControl:
         if not solution.solved:
             return self._simple.estimate_one(memory, robot)
         present = states[-1]
-        return goal_inside(self._scene.area, np.append(present[:3] + solution.goal_offset, 0.0))
+        return goal_inside(self._scene.area, present[:OBSERVABLE] + solution.goal_offset)
 
 
 def inverse_problem(scene: Scene, memory: Memory, robot: str) -> InverseProblem:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fleet.conduct import ExitStatus, conduct
+from fleet.conduct import conduct
 from fleet.crew import ProcessFailedError
 from fleet.experiment import Experiment, prepare
 from fleet.interruption import Interruption
@@ -16,6 +16,7 @@ from fleet.recording import read_recording
 from fleet.stream import BusMessage
 from protocol.keys import Keys
 from protocol.messages import Mind, Truth
+from world.process import ExitStatus
 
 
 @pytest.fixture
