@@ -1,5 +1,6 @@
 """``python -m agent``: the command line of one robot's process."""
 
+import math
 from typing import Annotated
 
 import typer
@@ -7,7 +8,8 @@ import zenoh
 
 from agent.estimation import GoalsName
 from agent.process import RobotOptions, RobotProcess, SceneError
-from agent.solver import SolverName
+from agent.solver import ITERATIONS, SolverName
+from agent.warm import CompilingError
 from protocol.codec import MessageError
 from protocol.keys import checked_name
 from protocol.scene import Goal
@@ -16,6 +18,8 @@ from protocol.signals import on_wish_to_end
 
 WRONG_USAGE = 2
 FAILED = 3
+ITERATIONS_HELP = "Most iterations of the real-time solver for one trajectory problem at one step."
+BUDGET_HELP = "Milliseconds after which the real-time solver improves a decision no further."
 
 
 def _name(value: str) -> str:
@@ -44,6 +48,17 @@ def parse_goal(text: str) -> Goal:
             f"{text!r} found, x,y,heading is expected: three numbers in metres, metres and radians, "
             "such as 4,-4,-0.785"
         ) from None
+
+
+def checked_budget(value: float | None) -> float | None:
+    """A time budget in ms.
+
+    Raises:
+        typer.BadParameter: it is negative or not finite.
+    """
+    if value is not None and not 0.0 <= value < math.inf:  # also refuses NaN
+        raise typer.BadParameter(f"{value} found, a number of milliseconds that is not negative is expected")
+    return value
 
 
 def main(
@@ -80,17 +95,33 @@ def main(
             envvar="UNSPOKEN_SOLVER",
             help="What solves the trajectory problems.",
         ),
-    ] = "reference",
+    ] = "realtime",
+    iterations: Annotated[
+        int,
+        typer.Option(envvar="UNSPOKEN_ITERATIONS", min=1, help=ITERATIONS_HELP),
+    ] = ITERATIONS,
+    budget_ms: Annotated[
+        float | None,
+        typer.Option(
+            envvar="UNSPOKEN_BUDGET_MS",
+            callback=checked_budget,
+            help=BUDGET_HELP,
+            show_default="none, so that decisions do not depend on the clock",
+        ),
+    ] = None,
 ) -> None:
     """Be one robot: wait for a world, drive to the goal, until stopped by SIGINT or SIGTERM.
 
-    Exit status: 0 stopped, 2 wrong usage, 3 the world does not fit this robot or cannot be reached at all.
+    Exit status: 0 stopped, 2 wrong usage, 3 the world does not fit this robot or cannot be reached at all, or
+    there is no place for the compiled solver.
     """
-    process = RobotProcess(RobotOptions(robot, parse_goal(goal), connect, run, goals, solver))
+    budget_s = None if budget_ms is None else budget_ms / 1000.0
+    options = RobotOptions(robot, parse_goal(goal), connect, run, goals, solver, iterations, budget_s)
+    process = RobotProcess(options)
     on_wish_to_end(process.stop)
     try:
         process.run()
-    except (SceneError, MessageError) as error:
+    except (SceneError, MessageError, CompilingError) as error:
         typer.echo(f"robot {robot}: {error}", err=True)
         raise typer.Exit(FAILED) from None
     except zenoh.ZError as error:

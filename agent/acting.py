@@ -1,7 +1,12 @@
 """Act: from a plan, or from the lack of one, to the input of this step."""
 
 from agent.planning import Plan
-from protocol.vehicle import Input, Limits, reachable_inputs
+from agent.vehicle import Array
+from protocol.messages import Command
+from protocol.vehicle import Input, Limits, braking_input, reachable_inputs
+
+LONGEST_BRAKING_STEPS = 1000
+"""After so many steps without a command a robot is taken to stand."""
 
 
 def first_input(plan: Plan, limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
@@ -10,10 +15,41 @@ def first_input(plan: Plan, limits: Limits, previous: Input, speed_mps: float, s
     Solvers keep limits to a tolerance; what is commanded keeps those of inputs and rates exactly, and that of
     the speed as far as they allow.
     """
-    turn_rate, acceleration = plan.inputs[0].tolist()
-    slowest, fastest = ((bound - speed_mps) / step_s for bound in (-limits.speed_mps, limits.speed_mps))
-    wanted = Input(turn_rate, min(max(acceleration, slowest), fastest))
-    return reachable_inputs(limits, previous, step_s).clip(wanted)
+    return _within_limits(plan.inputs[0], limits, previous, speed_mps, step_s)
+
+
+def second_input(plan: Plan, limits: Limits, first: Input, speed_mps: float, step_s: float) -> Input:
+    """What follows the first input, for a step that gets no command in time; in the same limits.
+
+    Args:
+        plan: whose second input it is.
+        limits: of the vehicle.
+        first: what is commanded for this step.
+        speed_mps: at this step.
+        step_s: Δt.
+    """
+    return _within_limits(plan.inputs[1], limits, first, speed_mps + step_s * first.acceleration_mps2, step_s)
+
+
+def driven_last(given: Command, speed_mps: float, missed_steps: int, limits: Limits, step_s: float) -> Input:
+    """What a robot drove at the last of some steps for which it gave no command in time.
+
+    At the first of them that is the `then` of its last command, from there on or without it braking: what the
+    world does, and so exactly what was driven, up to the noise in the speed.
+
+    Args:
+        given: the last command in time.
+        speed_mps: at the step that it answers.
+        missed_steps: steps since then without one; with 0, it is the command itself that was driven.
+        limits: of the vehicle.
+        step_s: Δt.
+    """
+    driven, fallback = given.input, given.then
+    for _ in range(min(missed_steps, LONGEST_BRAKING_STEPS)):
+        speed_mps += step_s * driven.acceleration_mps2
+        driven = Input(*fallback) if fallback else braking_input(limits, driven, speed_mps, step_s)
+        fallback = None
+    return driven
 
 
 def without_a_plan(limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
@@ -23,3 +59,10 @@ def without_a_plan(limits: Limits, previous: Input, speed_mps: float, step_s: fl
     """
     lowest, highest = reachable_inputs(limits, previous, step_s)
     return lowest if speed_mps >= 0 else highest
+
+
+def _within_limits(planned: Array, limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
+    turn_rate, acceleration = planned.tolist()
+    slowest, fastest = ((bound - speed_mps) / step_s for bound in (-limits.speed_mps, limits.speed_mps))
+    wanted = Input(turn_rate, min(max(acceleration, slowest), fastest))
+    return reachable_inputs(limits, previous, step_s).clip(wanted)

@@ -1,20 +1,22 @@
 """Algorithm 1: remember, estimate, predict, plan, act. No input or output, no clock, no thread."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
-from agent.acting import first_input, without_a_plan
+from agent.acting import driven_last, first_input, second_input, without_a_plan
+from agent.deadline import Deadline
 from agent.estimation import ESTIMATORS, GoalsName
 from agent.estimation.interface import known_goal
 from agent.memory import Memory
 from agent.planning import Plan, Planner, plan_of
 from agent.prediction import Prediction, Predictor
-from agent.solver import SOLVERS, SolverName
+from agent.solver import ITERATIONS, SolverName, joint_solver
 from agent.stopwatch import Clock, Stopwatch
 from agent.vehicle import Array
 from protocol.arrival import has_arrived
 from protocol.messages import Command, Mind, Observation, Phase, Positions, State
 from protocol.scene import Goal, Scene
-from protocol.vehicle import Input, braking_input
+from protocol.vehicle import Input, Limits, braking_input
 
 
 @dataclass(frozen=True)
@@ -23,6 +25,13 @@ class Decision:
 
     command: Command
     mind: Mind
+
+
+class _Given(NamedTuple):
+    """A command that was given, with the speed at its step in m/s."""
+
+    command: Command
+    speed_mps: float
 
 
 @dataclass
@@ -51,15 +60,26 @@ class Agent:
         goal: its own goal, which it tells nobody.
         scene: what everybody may know.
         goals: how goals are estimated: a name in ``agent.estimation.ESTIMATORS``.
-        solver: how trajectory problems are solved: a name in ``agent.solver.SOLVERS``.
-        clock: times the phases for ``mind``; it changes no decision.
+        solver: how trajectory problems are solved: a name that ``agent.solver.joint_solver`` knows.
+        clock: times the phases for ``mind``; it changes no decision, unless there is a budget.
+        iterations: of the real-time solver a problem, at most.
+        budget_s: time in s after which a decision improves its trajectories no further; None for no limit.
 
     Raises:
         ValueError: the estimator needs something that the scene does not hold.
     """
 
     def __init__(
-        self, robot: str, goal: Goal, scene: Scene, *, goals: GoalsName, solver: SolverName, clock: Clock
+        self,
+        robot: str,
+        goal: Goal,
+        scene: Scene,
+        *,
+        goals: GoalsName,
+        solver: SolverName,
+        clock: Clock,
+        iterations: int = ITERATIONS,
+        budget_s: float | None = None,
     ) -> None:
         self._robot = robot
         self._goal = goal
@@ -67,12 +87,14 @@ class Agent:
         self._clock = clock
         self._memory = Memory(scene.horizons.estimation_steps + 2, scene.step_s)
         self._estimator = ESTIMATORS[goals](scene)
-        joint_solver = SOLVERS[solver]()
-        self._predictor = Predictor(scene, joint_solver)
-        self._planner = Planner(scene, robot, joint_solver)
+        self._deadline = Deadline(clock, budget_s)
+        trajectories = joint_solver(solver, iterations, self._deadline)
+        self._predictor = Predictor(scene, trajectories, self._deadline)
+        self._planner = Planner(scene, robot, trajectories)
         self._arrived = False
         self._parked: set[str] = set()
-        self._last: Command | None = None
+        self._given: _Given | None = None
+        self._given_before: _Given | None = None
         self._solver_failures = 0
 
     def decide(self, observation: Observation) -> Decision | None:
@@ -85,18 +107,25 @@ class Agent:
         if self._robot not in seen or not self._memory.remember(observation.step, seen):
             return None
         watch = Stopwatch(self._clock)
+        self._deadline.begin()
         self._arrived = self._arrived or self._is_at(self._goal, self._robot)
         thought = _Thought() if self._arrived else self._think(watch)
         self._solver_failures += len(thought.failed)
-        control = self._act(thought)
-        self._last = Command(
+        control, then = self._act(thought)
+        command = Command(
             epoch=observation.epoch,
             robot=self._robot,
             step=observation.step,
             turn_rate_radps=control.turn_rate_radps,
             acceleration_mps2=control.acceleration_mps2,
+            then=then,
         )
-        return Decision(self._last, self._mind(observation, thought, watch))
+        self._given_before, self._given = self._given, _Given(command, self._speed_mps())
+        return Decision(command, self._mind(observation, thought, watch))
+
+    def withdraw(self) -> None:
+        """Take back the command of the last decision, which came too late to be given."""
+        self._given = self._given_before
 
     def _think(self, watch: Stopwatch) -> _Thought:
         with watch.phase("estimate"):
@@ -115,20 +144,31 @@ class Agent:
         goal = known_goal(self._goal, self._memory.state(self._robot))
         return self._planner.plan(self._memory, goal, self._previous_input(), prediction)
 
-    def _act(self, thought: _Thought) -> Input:
-        limits, previous = self._scene.robot(self._robot).limits, self._previous_input()
-        speed, step_s = float(self._memory.state(self._robot)[3]), self._scene.step_s
+    def _act(self, thought: _Thought) -> tuple[Input, Input | None]:
+        """The input of this step and, where there is a plan, that of the next one."""
+        limits, previous = self._limits, self._previous_input()
+        speed, step_s = self._speed_mps(), self._scene.step_s
         if self._arrived:
-            return braking_input(limits, previous, speed, step_s)
+            return braking_input(limits, previous, speed, step_s), None
         if thought.failed or thought.plan is None:
-            return without_a_plan(limits, previous, speed, step_s)
-        return first_input(thought.plan, limits, previous, speed, step_s)
+            return without_a_plan(limits, previous, speed, step_s), None
+        first = first_input(thought.plan, limits, previous, speed, step_s)
+        return first, second_input(thought.plan, limits, first, speed, step_s)
 
     def _previous_input(self) -> Input:
-        """What this robot commanded for the step before; recovered from poses if it did not."""
-        if self._last is not None and self._last.step == self._memory.step - 1:
-            return self._last.input
-        return self._memory.previous_input(self._robot)
+        """What this robot drove at the step before; recovered from poses until it has given a command."""
+        if self._given is None:
+            return self._memory.previous_input(self._robot)
+        command, speed = self._given
+        missed_steps = self._memory.step - command.step - 1
+        return driven_last(command, speed, missed_steps, self._limits, self._scene.step_s)
+
+    @property
+    def _limits(self) -> Limits:
+        return self._scene.robot(self._robot).limits
+
+    def _speed_mps(self) -> float:
+        return float(self._memory.state(self._robot)[3])
 
     def _known_parked(self) -> set[str]:
         """Other robots known to have arrived: only where goals are shared. A parked robot stays parked."""

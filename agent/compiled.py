@@ -7,15 +7,22 @@ differ from call to call without anything being compiled again.
 
 import hashlib
 import os
-from collections.abc import Callable
+import re
+import sys
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core.caching import UserProvidedCacheLocator
+from numba.core.registry import cpu_target
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).parent
+_COMPLETE = "complete"
+_WITH_KERNELS = re.compile(r"^from agent\.compiled import kernel$", re.MULTILINE)
+_IMPORT = re.compile(r"^from (\S+) import", re.MULTILINE)
 _kernels: list[Any] = []
 
 
@@ -33,28 +40,81 @@ def kernel(function: Function) -> Function:
 
 
 def forbid_compiling() -> None:
-    """From now on a kernel called with types it was not compiled for raises a TypeError, compiling nothing."""
+    """From now on a kernel called with types it was not called with before raises a TypeError."""
     for each in _kernels:
-        each.disable_compile()
+        if each.signatures:  # the others are called by kernels only
+            each.disable_compile()
 
 
-def _cache_directory() -> Path:
-    """Where compiled kernels are kept: beside the package, else (read-only installations) with the user.
+def is_complete() -> bool:
+    """Whether all kernels are on disk."""
+    return (FOLDER / _COMPLETE).exists()
 
-    One directory for each state of the modules with kernels: numba alone would keep a kernel whose callee in another file
-    has changed.
+
+def mark_complete() -> None:
+    """All kernels have been compiled and kept."""
+    (FOLDER / _COMPLETE).touch()
+
+
+def sources() -> list[Path]:
+    """The modules with kernels and those from which they import: all that compiled code is made of."""
+    texts = {path: path.read_text(encoding="utf-8") for path in sorted(_PACKAGE.rglob("*.py"))}
+    kernels = {path for path, text in texts.items() if _WITH_KERNELS.search(text)}
+    imported = {name for path in kernels for name in _IMPORT.findall(texts[path])}
+    return [path for path in texts if path in kernels or _module(path) in imported]
+
+
+def _module(path: Path) -> str:
+    return ".".join((_PACKAGE.name, *path.relative_to(_PACKAGE).with_suffix("").parts))
+
+
+def _state() -> str:
+    """A name for the state of what compiled code depends on: sources, libraries and processor.
+
+    numba alone would keep a kernel although a function or a constant in another file has changed.
     """
-    digest = hashlib.sha256()
-    for source in sorted(_PACKAGE.rglob("*.py")):
-        content = source.read_bytes()
-        if b"agent.compiled" in content:
-            digest.update(content)
-    name = f"kernels-{digest.hexdigest()[:16]}"
-    beside = _PACKAGE / "__pycache__"
-    if os.access(beside if beside.exists() else _PACKAGE, os.W_OK):
-        return beside / name
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "unspoken" / name
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources()))
+    processor = cpu_target.target_context.codegen().magic_tuple()  # as numba itself tells them apart
+    numba_itself = (numba.__version__, numba.config.OPT)  # type: ignore[attr-defined]
+    digest.update(repr((numba_itself, sys.implementation.cache_tag, processor)).encode())
+    return f"kernels-{digest.hexdigest()[:16]}"
 
 
-if not os.environ.get("NUMBA_CACHE_DIR"):
-    numba.config.CACHE_DIR = str(_cache_directory())  # type: ignore[attr-defined]  # set by name at import
+def places() -> list[Path]:
+    """Where kernels may be kept: where the user says, or else beside the package or with the user."""
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    if chosen:
+        return [Path(chosen).absolute()]
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    return [_PACKAGE / "__pycache__", Path(home).absolute() / "unspoken"]
+
+
+def is_writable(folder: Path) -> bool:
+    """Whether files can be put into a folder, which need not be there yet."""
+    there = next(each for each in (folder, *folder.parents) if each.exists())
+    return there.is_dir() and os.access(there, os.W_OK)
+
+
+def chosen_folder(places: Iterable[Path], name: str) -> Path:
+    """The first place that holds all kernels, else the first that can be written, else the first."""
+    folders = [place / name for place in places]
+    complete = [folder for folder in folders if (folder / _COMPLETE).exists()]
+    return [*complete, *filter(is_writable, folders), *folders][0]
+
+
+FOLDER = chosen_folder(places(), _state())
+"""Holds the compiled kernels of this state of the program, on this processor."""
+
+
+class Locator(UserProvidedCacheLocator):
+    """Lets numba look into ``FOLDER`` even where nothing can be written, as in a read-only container."""
+
+    @classmethod
+    def from_function(cls, py_func: object, py_file: str) -> "Locator":
+        """Without the check of numba's own locators that the folder can be written."""
+        return cls(py_func, py_file)
+
+
+# Both are made when numba is imported.
+numba.config.CACHE_DIR = str(FOLDER)  # type: ignore[attr-defined]
+numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.{Locator.__name__}"  # type: ignore[attr-defined]

@@ -5,8 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from agent.deadline import Deadline
 from agent.memory import Memory
 from agent.problems import WarmStarts, joint_problem
+from agent.solver.choice import best_solution
 from agent.solver.problem import JointSolver
 from agent.vehicle import Array
 from protocol.scene import Scene
@@ -20,6 +22,8 @@ class Prediction:
     """Positions (K + 1, 2) of every robot."""
     inputs: dict[str, Array]
     """Inputs (K, 2) of every robot that is not parked."""
+    forces: dict[str, Array]
+    """Constraint forces (K + 1, 2) on every robot that is not parked."""
     states: dict[str, Array]
     """States (K + 1, 4) of every robot that is not parked."""
     solved: bool
@@ -28,9 +32,10 @@ class Prediction:
 class Predictor:
     """Predicts all robots jointly, each time from the last prediction."""
 
-    def __init__(self, scene: Scene, solver: JointSolver) -> None:
+    def __init__(self, scene: Scene, solver: JointSolver, deadline: Deadline) -> None:
         self._scene = scene
         self._solver = solver
+        self._deadline = deadline
         self._starts = WarmStarts()
 
     def predict(self, memory: Memory, goals: Mapping[str, Array], parked: Collection[str]) -> Prediction:
@@ -40,15 +45,17 @@ class Predictor:
         free = {robot: goals[robot] for robot in memory.robots if robot not in parked}
         inputs = {robot: memory.previous_input(robot) for robot in free}
         problem = joint_problem(self._scene, memory, free, resting, inputs)
-        solution = self._solver.solve(problem, self._starts.start(problem, list(free)))
+        starts = self._starts.starts(problem, list(free))
+        solution = best_solution(self._solver, problem, starts, self._deadline)
         if solution.solved:
-            self._starts.keep(list(free), solution.inputs)
+            self._starts.keep(list(free), solution)
         else:
             self._starts.forget()
         moving = dict(zip(free, solution.states, strict=True))
         return Prediction(
             paths={robot: states[:, :2] for robot, states in moving.items()} | resting,
             inputs=dict(zip(free, solution.inputs, strict=True)),
+            forces=dict(zip(free, solution.forces, strict=True)),
             states=moving,
             solved=solution.solved,
         )

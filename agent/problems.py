@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from agent.memory import Memory
-from agent.solver.problem import JointProblem
-from agent.solver.starts import cold_start, shifted
+from agent.solver.problem import JointProblem, Solution, Start
+from agent.solver.starts import cold_starts, shifted
 from agent.vehicle import Array
 from protocol.scene import Scene
 from protocol.vehicle import Input
@@ -47,24 +47,29 @@ def joint_problem(
 
 
 class WarmStarts:
-    """The last solution's inputs of each robot: where the next solution starts, one step on."""
+    """The last solution's inputs and forces of each robot: where the next solution starts, one step on."""
 
     def __init__(self) -> None:
-        self._inputs: dict[str, Array] = {}
+        self._last: dict[str, tuple[Array, Array]] = {}
 
-    def start(self, problem: JointProblem, robots: Sequence[str]) -> Array:
-        """Inputs (M, K, 2): the last ones shifted; the cold start for robots without any."""
-        known = {index: robot for index, robot in enumerate(robots) if robot in self._inputs}
-        all_known = len(known) == len(robots)
-        inputs = np.empty((len(robots), problem.steps, 2)) if all_known else cold_start(problem)
-        for index, robot in known.items():
-            inputs[index] = shifted(self._inputs[robot])
-        return inputs
+    def starts(self, problem: JointProblem, robots: Sequence[str]) -> list[Start]:
+        """The last solution, one step on; where a robot has none, each of the cold starts for it."""
+        known = {index: robot for index, robot in enumerate(robots) if robot in self._last}
+        shape = (len(robots), problem.steps)
+        if len(known) == len(robots):
+            starts = [Start(np.empty((*shape, 2)), np.empty((shape[0], shape[1] + 1, 2)), warm=True)]
+        else:
+            starts = cold_starts(problem)
+        for start in starts:
+            for index, robot in known.items():
+                inputs, forces = self._last[robot]
+                start.inputs[index], start.forces[index] = shifted(inputs), shifted(forces)
+        return starts
 
-    def keep(self, robots: Sequence[str], inputs: Array) -> None:
-        """Remember the inputs (M, K, 2) of a solution; all others are forgotten."""
-        self._inputs = dict(zip(robots, inputs, strict=True))
+    def keep(self, robots: Sequence[str], solution: Solution) -> None:
+        """Remember a solution; all earlier ones are forgotten."""
+        self._last = dict(zip(robots, zip(solution.inputs, solution.forces, strict=True), strict=True))
 
     def forget(self) -> None:
         """Start cold next time."""
-        self._inputs = {}
+        self._last = {}

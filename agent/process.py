@@ -1,17 +1,20 @@
 """The thin shell around the core: poses come in over Zenoh, minds and commands go out."""
 
 import time
-from contextlib import suppress
 from dataclasses import dataclass
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 
 import structlog
 import zenoh
 
 from agent.agent import Agent
+from agent.compiled import forbid_compiling
 from agent.estimation import GoalsName
+from agent.inbox import Inbox
+from agent.notices import LateDecisions
 from agent.solver import SolverName
-from protocol.codec import MessageError, decode, encode
+from agent.warm import compile_in_background, warm_up
+from protocol.codec import decode, encode
 from protocol.keys import Keys
 from protocol.messages import Observation, PublicScene
 from protocol.scene import Goal, Scene
@@ -33,6 +36,8 @@ class RobotOptions:
     run: str
     goals: GoalsName
     solver: SolverName
+    iterations: int
+    budget_s: float | None
 
 
 class SceneError(Exception):
@@ -46,20 +51,26 @@ class RobotProcess:
         self._options = options
         self._keys = Keys(options.run)
         self._log = structlog.get_logger("agent").bind(robot=options.robot)
+        self._inbox = Inbox(self._log)
         # None stands for the end.
-        self._inbox: SimpleQueue[bytes | None] = SimpleQueue()
+        self._opened: SimpleQueue[zenoh.Session | zenoh.ZError | None] = SimpleQueue()
         self._stopped = False
+        self._late = LateDecisions(self._log)
 
     def stop(self) -> None:
         """End :meth:`run` soon; may be called from any thread."""
         self._stopped = True
-        self._inbox.put(None)
+        self._opened.put(None)
+        self._inbox.close()
 
     def run(self) -> None:
         """Wait for a world, then answer each observation that is still the newest when it is taken.
 
+        An answer that comes too late, when a newer observation is there already, is not given.
+
         Raises:
             SceneError: the world does not know this robot, or does not share what its estimator needs.
+            CompilingError: the solver is not compiled and cannot be.
             zenoh.ZError: Zenoh cannot use the endpoint.
         """
         session = self._connect()
@@ -69,33 +80,33 @@ class RobotProcess:
             agent, epoch = self._join(session)
             _poses = session.declare_subscriber(
                 self._keys.pose(self._options.robot),
-                lambda sample: self._inbox.put(sample.payload.to_bytes()),
+                lambda sample: self._inbox.store(sample.payload.to_bytes()),
             )
             # Presence comes last: it lets the world publish step 0.
             _presence = session.liveliness().declare_token(self._keys.alive(self._options.robot))
-            while (observation := self._newest_observation()) is not None:
+            while (observation := self._inbox.next()) is not None:
                 if observation.epoch != epoch:
                     agent, epoch = self._join(session)
                 if agent is not None and observation.epoch == epoch:
                     self._answer(session, agent, observation)
-        self._log.info("stopped")
+        self._log.info("stopped", late_decisions=self._late.count)
 
     def _connect(self) -> zenoh.Session | None:
-        """The session, once the world is there; None if stopped before."""
-        opened: list[zenoh.Session | zenoh.ZError] = []
-
-        def deliver(result: zenoh.Session | zenoh.ZError) -> None:
-            opened.append(result)
-            self._inbox.put(b"")
-
+        """The session, once the world is there and this robot is ready; None if stopped before."""
         self._log.info("waiting for the world", connect=self._options.connect, run=self._options.run)
-        open_in_background(robot_session(self._options.connect), deliver)
-        if self._inbox.get() is None:
-            return None
-        session = opened[0]
+        open_in_background(robot_session(self._options.connect), self._opened.put)
+        self._get_ready()
+        session = self._opened.get()
         if isinstance(session, zenoh.ZError):
             raise session
         return session
+
+    def _get_ready(self) -> None:
+        """Have everything compiled and loaded: later, there is no time for it."""
+        if compile_in_background(unwanted=lambda: self._stopped):
+            duration_s = warm_up(self._options.goals, self._options.solver)
+            forbid_compiling()
+            self._log.info("ready to decide", loaded_in_s=round(duration_s, 2))
 
     def _join(self, session: zenoh.Session) -> tuple[Agent | None, int | None]:
         """Begin anew with the scene of the present world, and with its epoch; neither if stopped before."""
@@ -123,30 +134,26 @@ class RobotProcess:
                 goals=options.goals,
                 solver=options.solver,
                 clock=time.perf_counter,
+                iterations=options.iterations,
+                budget_s=options.budget_s,
             )
         except ValueError as error:
             raise SceneError(str(error)) from error
 
-    def _newest_observation(self) -> Observation | None:
-        """Wait for an observation and skip to the newest one; None when stopped."""
-        while not self._stopped:
-            payload = self._inbox.get()
-            with suppress(Empty):
-                while True:
-                    payload = self._inbox.get_nowait()
-            if payload:
-                try:
-                    return decode(Observation, payload)
-                except MessageError as error:
-                    self._log.warning("refused an observation", reason=str(error))
-        return None
-
     def _answer(self, session: zenoh.Session, agent: Agent, observation: Observation) -> None:
-        """Decide and publish. The mind goes first, so that it is recorded before the step can end."""
+        """Decide and publish.
+
+        The mind goes first, so that it is recorded before the step can end. It goes even when it is too late
+        for the command: the record is to show what took so long.
+        """
         decision = agent.decide(observation)
         if decision is None:
             return
         session.put(self._keys.mind(self._options.robot), encode(decision.mind))
-        session.put(self._keys.command(self._options.robot), encode(decision.command))
+        if self._inbox.has_news():
+            agent.withdraw()
+            self._late.add(observation.step)
+        else:
+            session.put(self._keys.command(self._options.robot), encode(decision.command))
         if decision.mind.failed:
             self._log.warning("not solved", step=observation.step, phases=decision.mind.failed)

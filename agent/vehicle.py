@@ -3,18 +3,12 @@
 A state is (p_x, p_y, ψ, v), an input is (ω, a); see ``protocol.vehicle`` for units and frames.
 """
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-
-
-def symbolic_step(state: ca.SX, control: ca.SX, step_s: float) -> ca.SX:
-    """f(x, u) of eq. 8 for one robot, as a CasADi expression of shape (4, 1)."""
-    heading, speed = state[2], state[3]
-    rates = ca.vertcat(speed * ca.cos(heading), speed * ca.sin(heading), control[0], control[1])
-    return state + step_s * rates
+Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
 
 
 def rollout(state: Array, inputs: Array, step_s: float) -> Array:

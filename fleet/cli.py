@@ -5,14 +5,16 @@ from datetime import datetime
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 import agent.__main__
 import world.__main__
 from agent.estimation import GoalsName
-from agent.solver import SolverName
+from agent.solver import ITERATIONS, SolverName
+from fleet.bench.command import bench
+from fleet.compiling import announced
 from fleet.conduct import Stream, conduct
 from fleet.experiment import Experiment, prepare
 from fleet.live import run_processes
@@ -40,6 +42,7 @@ GoalsOption = Annotated[
     ),
 ]
 SolverOption = Annotated[SolverName, typer.Option(help="What solves the trajectory problems.")]
+IterationsOption = Annotated[int, typer.Option(min=1, help=agent.__main__.ITERATIONS_HELP)]
 SeedOption = Annotated[int, typer.Option(min=0, help="Of sensor noise and dropouts.")]
 OutOption = Annotated[
     Path | None,
@@ -59,7 +62,16 @@ def run(
         ClockKind,
         typer.Option(help="Wait for every robot at every step, or publish one step every Δt."),
     ] = ClockKind.LOCKSTEP,
-    solver: SolverOption = "reference",
+    solver: SolverOption = "realtime",
+    iterations: IterationsOption = ITERATIONS,
+    budget_ms: Annotated[
+        float | None,
+        typer.Option(
+            callback=agent.__main__.checked_budget,
+            help=agent.__main__.BUDGET_HELP,
+            show_default="half of Δt with --clock realtime, otherwise none",
+        ),
+    ] = None,
     seed: SeedOption = 0,
     out: OutOption = None,
 ) -> None:
@@ -68,7 +80,15 @@ def run(
     Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage or
     scenario, 3 a process failed.
     """
-    experiment = _prepared(scenario, goals, solver, clock.value, seed)
+    experiment = _prepared(
+        scenario,
+        goals=goals,
+        solver=solver,
+        clock=clock.value,
+        seed=seed,
+        iterations=iterations,
+        budget_ms=budget_ms,
+    )
     begin = f"starting the world and {_robots(experiment)}"
     _conduct(experiment, out, partial(run_processes, experiment), begin)
 
@@ -81,7 +101,8 @@ def simulate(
         ClockKind,
         typer.Option(help="Taken as for run; in virtual time no command is late, so both drive the same."),
     ] = ClockKind.LOCKSTEP,
-    solver: SolverOption = "reference",
+    solver: SolverOption = "realtime",
+    iterations: IterationsOption = ITERATIONS,
     seed: SeedOption = 0,
     out: OutOption = None,
 ) -> None:
@@ -89,7 +110,9 @@ def simulate(
 
     Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage or scenario.
     """
-    experiment = _prepared(scenario, goals, solver, VIRTUAL, seed)
+    experiment = _prepared(
+        scenario, goals=goals, solver=solver, clock=VIRTUAL, seed=seed, iterations=iterations
+    )
     _conduct(
         experiment,
         out,
@@ -100,6 +123,7 @@ def simulate(
 
 app.command("world")(world.__main__.main)
 app.command("agent")(agent.__main__.main)
+app.command("bench")(bench)
 
 
 def _tell_version(wanted: bool) -> None:
@@ -118,9 +142,9 @@ def _options(
     """Options of the command itself."""
 
 
-def _prepared(scenario: str, goals: GoalsName, solver: SolverName, clock: str, seed: int) -> Experiment:
+def _prepared(scenario: str, **choices: Any) -> Experiment:
     try:
-        return prepare(scenario, goals=goals, solver=solver, clock=clock, seed=seed)
+        return prepare(scenario, **choices)
     except ScenarioError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(ExitStatus.WRONG_USAGE) from None
@@ -130,7 +154,7 @@ def _conduct(experiment: Experiment, out: Path | None, stream: Stream, begin: st
     facts = experiment.facts
     name = re.sub(r"[^\w.-]", "-", facts.scenario)  # it may hold anything, a slash too
     directory = out or Path("runs") / f"{name}-{facts.goals}-{datetime.now():%Y%m%d-%H%M%S}"
-    raise typer.Exit(conduct(experiment, directory, stream, begin))
+    raise typer.Exit(conduct(experiment, directory, stream, announced(begin)))
 
 
 def _robots(experiment: Experiment) -> str:

@@ -6,11 +6,12 @@ from importlib.metadata import version
 from pathlib import Path
 
 from agent.estimation import GoalsName
-from agent.solver import SolverName
+from agent.solver import ITERATIONS, SolverName
 from fleet.facts import RunFacts
 from protocol.scenario import Scenario
 from protocol.scenario_file import load_scenario
 from scenarios import find
+from world.process import ClockKind
 
 SHARING: GoalsName = "exchanged"
 """The one choice of ``--goals`` for which the world tells the goals."""
@@ -30,18 +31,44 @@ class Experiment:
         return self.facts.goals == SHARING
 
 
-def prepare(name_or_path: str, *, goals: GoalsName, solver: SolverName, clock: str, seed: int) -> Experiment:
+BUDGET_SHARE = 0.5
+"""Of Δt, for decisions in real time unless told otherwise; the rest is for the way there and back."""
+
+
+def prepare(
+    name_or_path: str,
+    *,
+    goals: GoalsName,
+    solver: SolverName,
+    clock: str,
+    seed: int,
+    iterations: int = ITERATIONS,
+    budget_ms: float | None = None,
+) -> Experiment:
     """Read the scenario and give the run a name of its own.
+
+    Args:
+        name_or_path: of the scenario.
+        goals: how robots come to know goals.
+        solver: what solves their problems.
+        clock: as the summary names it.
+        seed: of sensor noise and dropouts.
+        iterations: most of the real-time solver for one problem.
+        budget_ms: for a decision; None for a share of Δt in real time and no limit otherwise.
 
     Raises:
         ScenarioError: there is no such scenario, or it is wrong.
     """
     path = find(name_or_path).resolve()
     scenario = load_scenario(path)
+    if budget_ms is None and clock == ClockKind.REALTIME:
+        budget_ms = BUDGET_SHARE * 1000.0 * scenario.step_s
     facts = RunFacts(
         scenario=scenario.name,
         goals=goals,
         solver=solver,
+        iterations=iterations,
+        budget_ms=budget_ms,
         clock=clock,
         seed=seed,
         run=f"run-{secrets.token_hex(4)}",

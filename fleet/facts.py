@@ -1,7 +1,7 @@
 """What is known of a run before it starts."""
 
 from agent.estimation import GoalsName
-from agent.solver import SolverName
+from agent.solver import ITERATIONS, SolverName
 from protocol.keys import Name
 from protocol.scene import Settings
 
@@ -14,6 +14,10 @@ class RunFacts(Settings):
     goals: GoalsName
     """How the robots come to know goals: ``exchanged`` or the name of an estimator."""
     solver: SolverName
+    iterations: int = ITERATIONS
+    """Most of the real-time solver for one problem."""
+    budget_ms: float | None = None
+    """After which the real-time solver improves a decision no further; None for no limit."""
     clock: str
     seed: int
     run: Name

@@ -9,6 +9,7 @@ from queue import Empty, SimpleQueue
 import structlog
 import zenoh
 
+from fleet.compiling import compile_solver
 from fleet.crew import Crew, ProcessFailedError
 from fleet.experiment import Experiment
 from fleet.interruption import Interruption
@@ -45,10 +46,11 @@ def run_processes(
         interruption: looked at while waiting.
 
     Raises:
-        ProcessFailedError: the world or, before the first step, a robot ended; or a robot ended later, which
-            is told after the verdict of the others.
+        ProcessFailedError: the solver cannot be compiled; the world or, before the first step, a robot ended;
+            or a robot ended later, which is told after the verdict of the others.
         KeyboardInterrupt: an interruption came before the world could give a verdict, or came twice.
     """
+    compile_solver(interruption)
     log_directory.mkdir()
     with tempfile.TemporaryDirectory(prefix="unspoken-") as directory, Crew(log_directory) as crew:
         endpoint = f"unixsock-stream/{directory}/world.sock"
@@ -76,13 +78,15 @@ def _world_settings(experiment: Experiment, endpoint: str) -> dict[str, str]:
 
 def _robot_settings(experiment: Experiment, endpoint: str, robot: ScenarioRobot) -> dict[str, str]:
     facts, goal = experiment.facts, robot.goal_pose()
-    return {
+    budget = {} if facts.budget_ms is None else {"budget_ms": repr(facts.budget_ms)}
+    return budget | {
         "robot": robot.id,
         "goal": f"{goal.x_m!r},{goal.y_m!r},{goal.heading_rad!r}",
         "connect": endpoint,
         "run": facts.run,
         "goals": facts.goals,
         "solver": facts.solver,
+        "iterations": str(facts.iterations),
     }
 
 

@@ -82,7 +82,7 @@ class Recorder:
             # Times of zero: not known, and so that a simulation's recording depends on nothing but its run.
             text = self._scenario_text.encode()
             self._writer.add_attachment(0, 0, SCENARIO_ATTACHMENT, "application/yaml", text)
-            facts = {name: str(value) for name, value in self._facts.model_dump().items()}
+            facts = {name: str(value) for name, value in self._facts.model_dump(exclude_none=True).items()}
             self._writer.add_metadata(FACTS_METADATA, facts)
             self._settle()
         return self

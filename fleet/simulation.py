@@ -4,6 +4,8 @@ import time
 from collections.abc import Iterator
 
 from agent.agent import Agent
+from agent.warm import warm_up
+from fleet.compiling import compile_solver
 from fleet.experiment import Experiment
 from fleet.interruption import Interruption
 from fleet.stream import BusMessage
@@ -19,9 +21,13 @@ def simulate(experiment: Experiment, interruption: Interruption) -> Iterator[Bus
     """Every message that the processes would have exchanged in lock-step, in the same order of steps.
 
     Raises:
+        ProcessFailedError: the solver cannot be compiled.
+        KeyboardInterrupt: an interruption came while it was compiled.
         ValueError: an estimator needs something that the scene does not hold.
     """
     scenario, facts = experiment.scenario, experiment.facts
+    compile_solver(interruption)
+    warm_up(facts.goals, facts.solver)
     keys = Keys(facts.run)
     scene = scenario.scene(with_goals=experiment.goals_are_exchanged)
     world = World(scenario, seed=facts.seed, epoch=EPOCH)
@@ -33,6 +39,8 @@ def simulate(experiment: Experiment, interruption: Interruption) -> Iterator[Bus
             goals=facts.goals,
             solver=facts.solver,
             clock=time.perf_counter,
+            iterations=facts.iterations,
+            budget_s=None if facts.budget_ms is None else facts.budget_ms / 1000.0,
         )
         for robot in scenario.robots
     }

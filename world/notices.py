@@ -58,6 +58,6 @@ class Misses:
     def tell(self) -> None:
         """Log what has not been told yet."""
         if self._counts:
-            self._log.warning("commands missed, robots braked", steps_by_robot=dict(self._counts))
+            self._log.warning("commands missed", steps_by_robot=dict(self._counts))
             self._counts.clear()
             self._told_s = self._now_s()

@@ -16,6 +16,8 @@ class _Vehicle:
     limits: Limits
     state: VehicleState
     applied: Input = STANDSTILL
+    fallback: Input | None = None
+    """What the command of the step before says for a step without one."""
     deadline_misses: int = 0
     clipped_commands: int = 0
 
@@ -80,8 +82,10 @@ class World:
     def advance(self, commands: Mapping[str, Command]) -> dict[str, Observation]:
         """Drive all robots to the next step.
 
-        A robot without a command, or with one that `refusal` objects to, is braked and the deadline counted
-        as missed. A command beyond the limits is clipped and counted. Robots that have arrived go on obeying.
+        A robot without a command, or with one that `refusal` objects to, has missed its deadline, which is
+        counted. It drives the `then` of its last command if that answered the step before, and brakes
+        otherwise. A command beyond the limits is clipped and counted, a fallback only clipped. Robots that
+        have arrived go on obeying.
 
         Args:
             commands: the commands of the present step by the robot that gave them.
@@ -98,13 +102,13 @@ class World:
             command = commands.get(robot)
             if command is None or self.refusal(robot, command) is not None:
                 vehicle.deadline_misses += 1
-                wanted = braking_input(
-                    vehicle.limits, vehicle.applied, vehicle.state.speed_mps, self._scenario.step_s
-                )
+                wanted = vehicle.fallback or self._braking(vehicle)
                 vehicle.state, vehicle.applied, _ = self._drive(vehicle, wanted)
+                vehicle.fallback = None
             else:
                 vehicle.state, vehicle.applied, clipped = self._drive(vehicle, command.input)
                 vehicle.clipped_commands += clipped
+                vehicle.fallback = command.then and Input(*command.then)
         self._step += 1
         self._observe()
         return self._observations
@@ -136,6 +140,9 @@ class World:
             collisions=referee.collisions,
             verdict=referee.verdict,
         )
+
+    def _braking(self, vehicle: _Vehicle) -> Input:
+        return braking_input(vehicle.limits, vehicle.applied, vehicle.state.speed_mps, self._scenario.step_s)
 
     def _drive(self, vehicle: _Vehicle, wanted: Input) -> Driven:
         return drive(vehicle.limits, vehicle.state, vehicle.applied, wanted, self._scenario.step_s)

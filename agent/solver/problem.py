@@ -81,6 +81,18 @@ class JointProblem:
 
 
 @dataclass(frozen=True)
+class Start:
+    """Where a solver starts."""
+
+    inputs: Array
+    """Shape (M, K, 2)."""
+    forces: Array
+    """Constraint forces to expect, as those of a :class:`Solution`; zero where nothing is known."""
+    warm: bool
+    """Whether it comes from the last step's solution, so that little is left to do."""
+
+
+@dataclass(frozen=True)
 class Solution:
     """Trajectories that obey the model and all limits of the vehicles, and how good they are."""
 
@@ -88,6 +100,9 @@ class Solution:
     """Shape (M, K, 2)."""
     states: Array
     """Shape (M, K + 1, 4), the rollout of the inputs."""
+    forces: Array
+    """How the rows of distances and area push each position, shape (M, K + 1, 2): Σ λ n over those rows, the
+    negative gradient of what they add to the Lagrangian. In cost a metre."""
     objective: float
     violation_m: float
     solved: bool
@@ -98,14 +113,6 @@ class Solution:
 class JointSolver(Protocol):
     """Solves joint problems. It may keep compiled problems, but no state that changes a result."""
 
-    def solve(self, problem: JointProblem, guess: Array) -> Solution:
-        """Find a local optimum.
-
-        Args:
-            problem: the problem.
-            guess: inputs to start from, shape (M, K, 2).
-
-        Returns:
-            The solution; ``solved`` is False where none was found.
-        """
+    def solve(self, problem: JointProblem, start: Start) -> Solution:
+        """Find a local optimum near a start; ``solved`` is False where none was found."""
         ...

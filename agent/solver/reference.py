@@ -10,9 +10,9 @@ from itertools import combinations
 import casadi as ca
 import numpy as np
 
-from agent.solver.problem import FIRST_FREE_STAGE, JointProblem, Solution
+from agent.solver.problem import FIRST_FREE_STAGE, JointProblem, Solution, Start
 from agent.solver.starts import braking_inputs, within_limits
-from agent.vehicle import Array, symbolic_step
+from agent.vehicle import Array
 
 PENALTY_PER_M2 = 1e4
 """Weight of a violated distance row d² − ‖Δp‖² ≤ 0; far above the multipliers of crossings, so exact."""
@@ -46,30 +46,38 @@ class ReferenceSolver:
     def __init__(self) -> None:
         self._programs: dict[tuple[int, int, int, float], _Program] = {}
 
-    def solve(self, problem: JointProblem, guess: Array) -> Solution:
+    def solve(self, problem: JointProblem, start: Start) -> Solution:
         """See :class:`agent.solver.problem.JointSolver`."""
         size = (len(problem.states), len(problem.obstacles), problem.steps, problem.step_s)
         if size not in self._programs:
             self._programs[size] = _compile(*size)
         program = self._programs[size]
         result = program.solver(
-            x0=_variables(problem, guess, len(program.pairs)),
+            x0=_variables(problem, start.inputs, len(program.pairs)),
             p=_parameters(problem, program.pairs),
             **_bounds(problem, len(program.pairs)),
         )
         statistics = program.solver.stats()
         inputs = within_limits(problem, _inputs_of(problem, np.asarray(result["x"]).ravel()))
         finite = bool(np.isfinite(inputs).all())
-        inputs = inputs if finite else within_limits(problem, guess)
+        inputs = inputs if finite else within_limits(problem, start.inputs)
         states = problem.rollout(inputs)
         return Solution(
             inputs=inputs,
             states=states,
+            forces=_forces(problem, states, np.asarray(result["lam_g"]).ravel(), program.pairs),
             objective=problem.objective(states),
             violation_m=problem.violation_m(states),
             solved=finite and bool(statistics["success"]),
             iterations=int(statistics["iter_count"]),
         )
+
+
+def symbolic_step(state: ca.SX, control: ca.SX, step_s: float) -> ca.SX:
+    """f(x, u) of eq. 8 for one robot, as a CasADi expression of shape (4, 1)."""
+    heading, speed = state[2], state[3]
+    rates = ca.vertcat(speed * ca.cos(heading), speed * ca.sin(heading), control[0], control[1])
+    return state + step_s * rates
 
 
 def _compile(robots: int, obstacles: int, steps: int, step_s: float) -> _Program:
@@ -114,6 +122,24 @@ def _compile(robots: int, obstacles: int, steps: int, step_s: float) -> _Program
         "g": ca.vertcat(*dynamics, *rates, *clearances),
     }
     return _Program(ca.nlpsol("joint", "ipopt", program, IPOPT_OPTIONS), pairs)
+
+
+def _forces(
+    problem: JointProblem, states: Array, multipliers: Array, pairs: tuple[tuple[int, int], ...]
+) -> Array:
+    """The forces of the distance rows, from the multipliers of all rows. Those of the area are left out."""
+    forces = np.zeros((len(problem.states), problem.steps + 1, 2))
+    stages = problem.steps + 1 - FIRST_FREE_STAGE
+    rows = multipliers[6 * len(problem.states) * problem.steps :].reshape(stages, len(pairs))
+    everybody = np.concatenate([states[:, :, :2], problem.obstacles])
+    for pair, (i, j) in enumerate(pairs):
+        # A row is ‖Δp‖² − d²: its gradient in p_i is 2 Δp.
+        gap = (everybody[i] - everybody[j])[FIRST_FREE_STAGE:]
+        push = -2.0 * rows[:, pair, None] * gap
+        forces[i, FIRST_FREE_STAGE:] += push
+        if j < len(forces):
+            forces[j, FIRST_FREE_STAGE:] -= push
+    return forces
 
 
 def _variables(problem: JointProblem, guess: Array, pairs: int) -> Array:

@@ -2,25 +2,37 @@
 
 import numpy as np
 
-from agent.solver.problem import JointProblem
+from agent.compiled import kernel
+from agent.solver.problem import JointProblem, Start
 from agent.vehicle import Array
-from protocol.vehicle import Input, braking_input, reachable_inputs
+from protocol.vehicle import Input, braking_input
 
 SIDESTEP_RADPS = 0.2
-"""Turn rate of the cold start. All robots lean to the same side, which keeps standing robots clear of one
-another and lets a symmetrical crossing begin as a roundabout instead of a deadlock."""
+"""Turn rate of a cold start. When all robots lean to the same side, standing robots stay clear of one another,
+and a symmetrical crossing begins as a roundabout instead of a deadlock."""
 
 
-def shifted(inputs: Array) -> Array:
-    """Last step's inputs of one robot, one step on; the new last input is zero. Shape (K, 2)."""
-    return np.concatenate([inputs[1:], np.zeros((1, 2))])
+def shifted(stages: Array) -> Array:
+    """Last step's inputs, or forces, of one robot, one step on; the new last one is zero. Shape (n, 2)."""
+    return np.concatenate([stages[1:], np.zeros((1, 2))])
 
 
-def cold_start(problem: JointProblem) -> Array:
-    """Every robot brakes to a standstill while leaning slightly to the left. Shape (M, K, 2)."""
-    leaning = braking_inputs(problem)
-    leaning[:, :, 0] += SIDESTEP_RADPS
-    return within_limits(problem, leaning)
+def cold_starts(problem: JointProblem) -> list[Start]:
+    """Starts for when nothing is known yet, in order of preference.
+
+    Every robot brakes to a standstill while leaning to its left; to its right; in turn to its left and right;
+    not at all.
+    """
+    alternating = 1.0 - 2.0 * (np.arange(len(problem.states)) % 2)
+    ones = np.ones(len(problem.states))
+    return [_leaning(problem, sides) for sides in (ones, -ones, alternating, 0.0 * ones)]
+
+
+def _leaning(problem: JointProblem, sides: Array) -> Start:
+    inputs = braking_inputs(problem)
+    inputs[:, :, 0] += SIDESTEP_RADPS * sides[:, None]
+    forces = np.zeros((len(problem.states), problem.steps + 1, 2))
+    return Start(within_limits(problem, inputs), forces, warm=False)
 
 
 def braking_inputs(problem: JointProblem) -> Array:
@@ -37,11 +49,25 @@ def braking_inputs(problem: JointProblem) -> Array:
 
 def within_limits(problem: JointProblem, inputs: Array) -> Array:
     """Inputs brought inside the input and rate limits, stage by stage. Shape (M, K, 2)."""
+    bounds = problem.input_bounds
+    return clip_stages(
+        np.ascontiguousarray(inputs, dtype=float),
+        np.clip(problem.previous_inputs, -bounds, bounds),
+        bounds,
+        problem.rate_bounds,
+    )
+
+
+@kernel
+def clip_stages(inputs: Array, previous: Array, bounds: Array, rates: Array) -> Array:
+    """As ``protocol.vehicle.reachable_inputs`` clips one stage, for all robots and stages."""
     result = np.empty_like(inputs)
-    for robot, limits in enumerate(problem.limits):
-        previous = Input(*problem.previous_inputs[robot])
-        for k in range(problem.steps):
-            reachable = reachable_inputs(limits, previous, problem.step_s)
-            previous = reachable.clip(Input(*inputs[robot, k]))
-            result[robot, k] = previous
+    for robot in range(inputs.shape[0]):
+        for c in range(2):
+            held = previous[robot, c]
+            for k in range(inputs.shape[1]):
+                low = max(held - rates[robot, c], -bounds[robot, c])
+                high = min(held + rates[robot, c], bounds[robot, c])
+                held = min(max(inputs[robot, k, c], low), high)
+                result[robot, k, c] = held
     return result

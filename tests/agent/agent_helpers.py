@@ -8,8 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from agent.deadline import Deadline
 from agent.memory import Memory
-from agent.solver.problem import JointProblem
+from agent.solver import ITERATIONS, joint_solver
+from agent.solver.problem import JointProblem, JointSolver, Start
+from agent.solver.starts import cold_starts
 from agent.vehicle import Array
 from protocol.messages import Observation, State
 from protocol.scene import Area, PublicRobot, Scene
@@ -27,6 +30,12 @@ LOOSE = Limits(
     turn_acceleration_radps2=1000.0,
 )
 """Limits that nothing in the tests comes near."""
+NEVER = Deadline(lambda: 0.0, None)
+SOLVERS: dict[str, JointSolver] = {
+    "realtime": joint_solver("realtime", ITERATIONS, NEVER),
+    "reference": joint_solver("reference", ITERATIONS, NEVER),
+}
+"""One of each for all tests: they may keep nothing that changes a result, and one test shows that."""
 
 
 def published() -> dict[str, Any]:
@@ -95,6 +104,11 @@ def problem_of(
         steps=steps,
         step_s=STEP_S,
     )
+
+
+def cold(problem: JointProblem) -> Start:
+    """The preferred start when nothing is known."""
+    return cold_starts(problem)[0]
 
 
 def seen(step: int, states: Mapping[str, Sequence[float]]) -> Observation:

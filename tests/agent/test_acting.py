@@ -1,11 +1,11 @@
-"""From a plan, or from the lack of one, to the input that is commanded."""
+"""From a plan, or from the lack of one, to the input that is commanded, and to the one for the step after."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.acting import first_input, without_a_plan
+from agent.acting import first_input, second_input, without_a_plan
 from agent.planning import Plan
 from protocol.vehicle import STANDSTILL, Input, Limits
 
@@ -48,6 +48,18 @@ def test_at_the_speed_limit_the_rest_of_the_way_up_to_it_is_driven(sign):
     control = first_input(plan, Limits(), Input(0.0, sign * 1.0), sign * 4.45, STEP_S)
     assert control.acceleration_mps2 == pytest.approx(sign * 0.5, abs=1e-12)
     assert abs(sign * 4.45 + STEP_S * control.acceleration_mps2) <= 4.5 + 1e-12
+
+
+def test_what_is_said_for_the_step_after_is_the_second_input_of_the_plan():
+    plan = plan_with(0.38, 1.5)
+    assert second_input(plan, Limits(), Input(0.38, 1.5), 1.0, STEP_S) == (0.4, 2.0)
+
+
+def test_what_is_said_for_the_step_after_can_be_reached_from_the_first_input_and_keeps_the_speed_limit():
+    """From −0.7 m/s² no more than 0; and 4.5 m/s is the limit, of which 4.35 m/s are there after one step."""
+    plan = plan_with(0.0, 0.0)
+    assert second_input(plan, Limits(), Input(0.1, -0.7), 1.0, STEP_S) == pytest.approx((0.15, 0.0))
+    assert second_input(plan, Limits(), Input(0.4, 1.5), 4.2, STEP_S) == pytest.approx((0.4, 1.5))
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,11 @@ import yaml
 from click.testing import Result
 from typer.testing import CliRunner
 
+from agent.deadline import Deadline
+from agent.solver import SolverName, joint_solver
+from agent.solver.problem import JointSolver
 from fleet.cli import app
+from fleet.recording import read_recording
 
 COMMANDS = ("run", "simulate", "world", "agent")
 ENVIRONMENT = {
@@ -24,7 +28,7 @@ ENVIRONMENT = {
         "start-timeout",
         "answer-timeout",
     ),
-    "agent": ("robot", "goal", "connect", "run", "goals", "solver"),
+    "agent": ("robot", "goal", "connect", "run", "goals", "solver", "iterations", "budget-ms"),
 }
 BLIND = {"dropout": 1.0}
 HEAD_ON = [
@@ -107,7 +111,10 @@ def test_no_option_of_a_single_process_is_missing_above(command: str) -> None:
         ("UNSPOKEN_GOAL", "1,2,nan", ("--goal", "x,y,heading is expected")),
         ("UNSPOKEN_RUN", "*", ("--run", "'*' found")),
         ("UNSPOKEN_GOALS", "guess", ("--goals", "guess", "constant-acceleration")),
-        ("UNSPOKEN_SOLVER", "slow", ("--solver", "slow", "reference")),
+        ("UNSPOKEN_SOLVER", "slow", ("--solver", "slow", "realtime", "reference")),
+        ("UNSPOKEN_ITERATIONS", "0", ("--iterations", "greater than or equal to 1")),
+        ("UNSPOKEN_BUDGET_MS", "nan", ("--budget-ms", "nan found", "not negative")),
+        ("UNSPOKEN_BUDGET_MS", "-1", ("--budget-ms", "-1.0 found")),
     ],
 )
 def test_a_robot_s_option_from_the_environment_is_read_and_checked(
@@ -125,7 +132,9 @@ def test_a_robot_s_option_from_the_environment_is_read_and_checked(
         (("8b",), ("8b", "2-crossing, 3-crossing, 4-crossing, 8a", "did you mean '8a'?")),
         (("8a", "--goals", "guess"), ("--goals", "guess", "exchanged", "ioc", "constant-acceleration")),
         (("8a", "--clock", "slow"), ("--clock", "slow", "lockstep", "realtime")),
-        (("8a", "--solver", "slow"), ("--solver", "slow", "reference")),
+        (("8a", "--solver", "slow"), ("--solver", "slow", "realtime", "reference")),
+        (("8a", "--iterations", "0"), ("--iterations", "greater than or equal to 1")),
+        (("8a", "--iterations", "2.5"), ("--iterations", "integer")),
         (("8a", "--seed", "-1"), ("--seed", "greater than or equal to 0")),
         (("8a", "--seed", "many"), ("--seed", "integer")),
         (("8a", "--speed", "3"), ("--speed",)),
@@ -135,6 +144,49 @@ def test_wrong_usage_is_refused_before_anything_is_written(
     command: str, arguments: tuple[str, ...], words: tuple[str, ...]
 ) -> None:
     is_refused(unspoken(command, *arguments), *words)
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-0.1", "soon"])
+def test_a_budget_that_is_none_is_refused(value: str) -> None:
+    is_refused(unspoken("run", "8a", "--budget-ms", value), "--budget-ms", value)
+
+
+def test_a_simulation_has_no_clock_that_could_bound_decisions() -> None:
+    is_refused(unspoken("simulate", "8a", "--budget-ms", "50"), "--budget-ms")
+
+
+@pytest.mark.parametrize("command", ["run", "simulate", "agent"])
+def test_the_real_time_solver_is_the_default(command: str) -> None:
+    assert re.search(r"--solver .*\[default: realtime\]", unspoken(command, "--help").stdout)
+
+
+def test_a_simulation_keeps_which_solver_it_used_and_how(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[tuple[str, int]] = []
+    original = joint_solver
+
+    def noted(name: SolverName, iterations: int, deadline: Deadline) -> JointSolver:
+        given.append((name, iterations))
+        return original(name, iterations, deadline)
+
+    monkeypatch.setattr("agent.agent.joint_solver", noted)
+    path = scenario(ALONE, time_limit_s=0.1)
+    unspoken("simulate", path, "--iterations", 5, "--out", "out")
+    assert given[-1] == ("realtime", 5)
+    facts = read_recording(Path("out/run.mcap")).facts
+    assert (facts.solver, facts.iterations, facts.budget_ms) == ("realtime", 5, None)
+
+
+@pytest.mark.parametrize("command", ["run", "simulate"])
+def test_where_the_solver_cannot_be_compiled_the_run_fails_and_says_why(
+    command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Path("file").touch()
+    monkeypatch.setattr("agent.compiled.FOLDER", Path("nowhere"))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(Path("file/cache").absolute()))
+    result = unspoken(command, scenario(ALONE), "--out", "out")
+    assert result.exit_code == 3
+    assert re.fullmatch(r"unspoken: .*file/cache cannot be written; set NUMBA_CACHE_DIR .*\n", result.stderr)
+    assert summary_in("out")["verdict"] == "failed"
 
 
 @pytest.mark.parametrize("command", ["run", "simulate"])

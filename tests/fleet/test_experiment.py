@@ -47,6 +47,18 @@ def test_goals_are_told_only_when_they_are_to_be_exchanged(goals: str, exchanged
     assert prepare("2-crossing", **{**CHOICES, "goals": goals}).goals_are_exchanged is exchanged
 
 
+@pytest.mark.parametrize(("clock", "budget_ms"), [("realtime", 50.0), ("lockstep", None), ("virtual", None)])
+def test_decisions_have_half_a_step_in_real_time_and_all_time_otherwise(
+    clock: str, budget_ms: float | None
+) -> None:
+    assert prepare("8a", **{**CHOICES, "clock": clock}).facts.budget_ms == budget_ms
+
+
+@pytest.mark.parametrize("clock", ["realtime", "lockstep"])
+def test_a_budget_that_is_given_counts(clock: str) -> None:
+    assert prepare("8a", **{**CHOICES, "clock": clock}, budget_ms=0.0).facts.budget_ms == 0.0
+
+
 def test_an_unknown_scenario_is_an_error_that_names_the_known_ones() -> None:
     with pytest.raises(ScenarioError, match=r"8b.*2-crossing, 3-crossing, 4-crossing, 8a"):
         prepare("8b", **CHOICES)

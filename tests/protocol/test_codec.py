@@ -81,6 +81,7 @@ MESSAGES = st.one_of(
         step=COUNTS,
         turn_rate_radps=COORDINATES,
         acceleration_mps2=COORDINATES,
+        then=st.none() | st.tuples(COORDINATES, COORDINATES),
     ),
     st.builds(PublicScene, **HEADER, scene=SCENES),
     st.builds(
@@ -130,6 +131,7 @@ COMMAND: dict[str, Any] = {
     "step": 7,
     "turn_rate_radps": 0.25,
     "acceleration_mps2": -0.5,
+    "then": [0.125, -0.25],
 }
 OBSERVATION: dict[str, Any] = {
     "schema_version": 1,
@@ -166,7 +168,9 @@ def test_every_kind_of_message_comes_back_as_it_was_sent(message: Message) -> No
 
 
 def test_on_the_wire_a_message_is_a_msgpack_map_of_its_fields() -> None:
-    command = Command(epoch=5, robot="a", step=7, turn_rate_radps=0.25, acceleration_mps2=-0.5)
+    command = Command(
+        epoch=5, robot="a", step=7, turn_rate_radps=0.25, acceleration_mps2=-0.5, then=(0.125, -0.25)
+    )
     assert msgpack.unpackb(encode(command)) == COMMAND
     assert decode(Command, packed(COMMAND)) == command
     assert tuple(command.input) == (0.25, -0.5)
@@ -314,16 +318,26 @@ def test_what_is_no_map_is_refused(content: Any) -> None:
         ("robot", "", "should match pattern"),
         ("robot", "a\n", "should match pattern"),
         ("robot", 5, "should be a valid string, found 5"),
+        ("then", 0.5, "should be a valid tuple, found 0.5"),
+        ("then", [0.5], "Field required"),
+        ("then", [0.5, 0.5, 0.5], "at most 2 items"),
+        ("then", [0.5, math.nan], "should be a finite number, found nan"),
         ("speed", 1.0, "Extra inputs are not permitted, found 1.0"),
     ],
 )
 def test_a_wrong_field_is_named_with_what_was_found(field: str, value: Any, told: str) -> None:
     line = refusal(Command, packed({**COMMAND, field: value}))
-    assert line.startswith(f"Command: {field}: ")
+    assert line.startswith((f"Command: {field}: ", f"Command: {field}.1: "))
     assert told in line
 
 
-@pytest.mark.parametrize("field", [name for name in COMMAND if name != "schema_version"])
+def test_a_command_may_say_nothing_of_the_step_after() -> None:
+    rest = {name: value for name, value in COMMAND.items() if name != "then"}
+    assert decode(Command, packed(rest)).then is None
+    assert decode(Command, packed({**COMMAND, "then": None})).then is None
+
+
+@pytest.mark.parametrize("field", [name for name in COMMAND if name not in ("schema_version", "then")])
 def test_a_missing_field_is_named(field: str) -> None:
     rest = {name: value for name, value in COMMAND.items() if name != field}
     assert refusal(Command, packed(rest)).startswith(f"Command: {field}: Field required")

@@ -1,13 +1,18 @@
 import random
 
 import pytest
-from world_helpers import EPOCH, SPRINT_STEPS, command, lanes, sprint
+from hypothesis import given
+from hypothesis import strategies as st
+from world_helpers import EPOCH, SPRINT_STEPS, at, command, lanes, sprint
 
 from protocol.codec import encode
 from protocol.scenario import Sensing
-from protocol.vehicle import Limits
+from protocol.vehicle import STANDSTILL, Input, Limits, braking_input
+from world.physics import ROUNDING, drive
 from world.world import World
 
+BRAKING_MPS2 = -3.0
+"""Of a robot at speed that no jerk limit holds back."""
 NOISY = Sensing(range_m=6.0, position_noise_m=0.05, heading_noise_rad=0.05, speed_noise_mps=0.1, dropout=0.2)
 
 
@@ -96,32 +101,89 @@ def test_robots_start_standing_where_the_scenario_says_and_see_it_at_step_0():
 
 
 def moving_world():
-    """Two robots at 1 m/s in x, after ten steps."""
+    """Two robots at 1 m/s in x, after ten steps; their last commands say to go on at 0.5 m/s²."""
     world = World(lanes(2, length_m=9.0), seed=0, epoch=EPOCH)
     for step in range(10):
-        world.advance({robot: command(robot, step, 1.0) for robot in world.robots})
+        world.advance({robot: command(robot, step, 1.0, then=(0.1, 0.5)) for robot in world.robots})
     return world
+
+
+def applied(world, robot):
+    """(ω, a) that led to the present step."""
+    true = world.truth().robots[robot]
+    return (true.turn_rate_radps, true.acceleration_mps2)
 
 
 INVALID = {
     "missing": None,
-    "of another epoch": command("2", 10, 1.0, epoch=EPOCH + 1),
-    "of the step before": command("2", 9, 1.0),
-    "of the step after": command("2", 11, 1.0),
-    "of another robot": command("1", 10, 1.0),
+    "of another epoch": command("2", 10, 1.0, epoch=EPOCH + 1, then=(0.2, 2.0)),
+    "of the step before": command("2", 9, 1.0, then=(0.2, 2.0)),
+    "of the step after": command("2", 11, 1.0, then=(0.2, 2.0)),
+    "of another robot": command("1", 10, 1.0, then=(0.2, 2.0)),
 }
 
 
-@pytest.mark.parametrize("given", INVALID.values(), ids=INVALID.keys())
-def test_a_robot_without_a_valid_command_is_braked_and_counted(given):
+@pytest.mark.parametrize("answer", INVALID.values(), ids=INVALID.keys())
+def test_a_robot_without_a_valid_command_drives_what_its_last_one_said_for_then_and_next_brakes(answer):
     world = moving_world()
-    commands = {"1": command("1", 10, 1.0)} | ({"2": given} if given else {})
-    world.advance(commands)
+    answers = {"2": answer} if answer else {}
+    world.advance({"1": command("1", 10, 1.0, then=(0.1, 0.5))} | answers)
+    assert applied(world, "1") == (0.0, 1.0)
+    assert applied(world, "2") == (0.1, 0.5)
+    world.advance({})
+    assert applied(world, "1") == (0.1, 0.5)
+    assert applied(world, "2") == (0.0, BRAKING_MPS2)
     robots = world.truth().robots
-    assert robots["1"].state.speed_mps == pytest.approx(1.1)
-    assert robots["2"].state.speed_mps < 0.95
-    assert {name: robot.deadline_misses for name, robot in robots.items()} == {"1": 0, "2": 1}
+    assert {name: robot.deadline_misses for name, robot in robots.items()} == {"1": 1, "2": 2}
     assert {name: robot.clipped_commands for name, robot in robots.items()} == {"1": 0, "2": 0}
+
+
+def test_what_a_command_says_for_the_next_step_is_forgotten_once_that_step_has_its_own():
+    world = moving_world()
+    world.advance({robot: command(robot, 10, 1.0) for robot in world.robots})
+    world.advance({})
+    assert applied(world, "1") == (0.0, BRAKING_MPS2)
+
+
+def test_a_fallback_beyond_reach_is_brought_within_it_and_is_no_clipped_command():
+    world = World(lanes(1, length_m=9.0, limits=Limits()), seed=0, epoch=EPOCH)
+    world.advance({"1": command("1", 0, 0.5, then=(-9.0, 9.0))})
+    world.advance({})
+    assert applied(world, "1") == pytest.approx((-0.05, 1.2))
+    robot = world.truth().robots["1"]
+    assert (robot.deadline_misses, robot.clipped_commands) == (1, 0)
+
+
+PAIRS = st.tuples(st.floats(-2.0, 2.0), st.floats(-4.0, 4.0))
+ANSWERS = st.none() | st.tuples(st.integers(-1, 1), PAIRS, st.none() | PAIRS)
+
+
+@given(st.lists(ANSWERS, max_size=25))
+def test_every_step_is_driven_by_its_command_or_the_plan_of_the_one_before_or_braking(answers):
+    """Judged by a record of all that was accepted, in which the rule is looked up step by step.
+
+    Args:
+        answers: for each step nothing, or by how many steps the answer is wrong, its input and its `then`.
+    """
+    limits, step_s = Limits(), 0.1
+    world = World(lanes(1, length_m=900.0, limits=limits, area={"x_max_m": 1e3}), seed=0, epoch=EPOCH)
+    state, before, inputs, thens, clipped = at(0.0, 0.0), STANDSTILL, {}, {}, 0
+    for step, answer in enumerate(answers):
+        told = {}
+        if answer is not None:
+            wrong_by, (turn_rate, acceleration), then = answer
+            told = {"1": command("1", max(step + wrong_by, 0), acceleration, turn_rate, then=then)}
+            if told["1"].step == step:
+                inputs[step], thens[step] = (turn_rate, acceleration), then
+        braking = braking_input(limits, before, state.speed_mps, step_s)
+        wanted = inputs.get(step) or thens.get(step - 1) or braking
+        state, before, _ = drive(limits, state, before, Input(*wanted), step_s)
+        clipped += step in inputs and max(abs(w - b) for w, b in zip(wanted, before, strict=True)) > ROUNDING
+        world.advance(told)
+        assert applied(world, "1") == before
+    robot = world.truth().robots["1"]
+    assert robot.deadline_misses == len(answers) - len(inputs)
+    assert robot.clipped_commands == clipped
 
 
 def test_a_refusal_says_what_is_wrong_with_a_command():

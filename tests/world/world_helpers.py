@@ -50,6 +50,7 @@ def command(
     turn_rate_radps: float = 0.0,
     *,
     epoch: int = EPOCH,
+    then: tuple[float, float] | None = None,
 ) -> Command:
     return Command(
         epoch=epoch,
@@ -57,6 +58,7 @@ def command(
         step=step,
         turn_rate_radps=turn_rate_radps,
         acceleration_mps2=acceleration_mps2,
+        then=then,
     )
 
 

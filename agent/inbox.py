@@ -1,0 +1,62 @@
+"""Where a robot's poses wait until it looks: only the newest counts."""
+
+from queue import SimpleQueue
+
+from structlog.typing import FilteringBoundLogger
+
+from protocol.codec import MessageError, decode
+from protocol.messages import Observation
+
+
+class Inbox:
+    """Poses come in on any thread and are taken on one.
+
+    Whatever is not newer than what has come before, such as a repetition, is dropped.
+
+    Args:
+        log: for people.
+    """
+
+    def __init__(self, log: FilteringBoundLogger) -> None:
+        self._log = log
+        # None wakes whoever waits.
+        self._payloads: SimpleQueue[bytes | None] = SimpleQueue()
+        self._newest: Observation | None = None
+        self._taken: Observation | None = None
+        self._closed = False
+
+    def store(self, payload: bytes) -> None:
+        """A pose has come."""
+        self._payloads.put(payload)
+
+    def close(self) -> None:
+        """No more poses are wanted."""
+        self._closed = True
+        self._payloads.put(None)
+
+    def next(self) -> Observation | None:
+        """Wait for an observation newer than the last one taken, and take the newest; None once closed."""
+        while not self._closed:
+            if self.has_news():
+                self._taken = self._newest
+                return self._taken
+            self._sort(self._payloads.get())
+        return None
+
+    def has_news(self) -> bool:
+        """Whether an observation newer than the last one taken is there; does not wait."""
+        for _ in range(self._payloads.qsize()):
+            self._sort(self._payloads.get())
+        return self._newest is not self._taken
+
+    def _sort(self, payload: bytes | None) -> None:
+        if payload is None:
+            return
+        try:
+            observation = decode(Observation, payload)
+        except MessageError as error:
+            self._log.warning("refused an observation", reason=str(error))
+            return
+        newest = self._newest
+        if newest is None or observation.epoch != newest.epoch or observation.step > newest.step:
+            self._newest = observation

@@ -1,0 +1,498 @@
+"""The quadratic program of one step, by a primal–dual interior-point method (Mehrotra's predictor–corrector).
+
+    min_d Σ_i (½ dᵢᵀHᵢdᵢ + gᵢᵀdᵢ) + ρ Σ_r t_r
+    s.t.  low ≤ A dᵢ ≤ high for every robot,    gap_r + C_r d + t_r ≥ 0,  t_r ≥ 0 for every row r.
+
+The limits stay within each robot's own matrix Hᵢ + AᵀDA, which is factorised alone (``stagewise``). Robots meet only in the
+rows of their distances, through the Schur complement of those, and a row takes part only once it is nearly
+tight: far more rows exist than ever matter.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.compiled import kernel
+from agent.solver.realtime.cholesky import factorise, solve_transposed, solve_upper
+from agent.solver.realtime.distances import NOBODY, Rows, add_forces, gaps_after
+from agent.solver.realtime.limits import (
+    ROWS_PER_STEP,
+    add_transposed_limits,
+    apply_limits,
+    limit_bands,
+)
+from agent.solver.realtime.profiles import displacements, pull_back
+from agent.solver.realtime.stagewise import (
+    WIDTH,
+    factorise_stages,
+    solve_stages,
+    solve_stages_transposed,
+)
+from agent.vehicle import Array, Booleans, Integers
+
+NEAR_M = 0.05
+"""Rows with a smaller gap take part from the beginning."""
+TIGHT_M = 0.02
+"""Rows whose linearised gap falls below this during the iterations begin to take part."""
+TO_BOUNDARY = 0.995
+"""Part of the way to the nearest bound that a step may go."""
+FIRST_MEAN = 1.0
+"""Product of each slack and its multiplier at the beginning."""
+LEAST_SLACK = 0.2
+"""Of a limit at the beginning, relative to the size of its interval, where no multiplier is expected."""
+LEAST_GAP_M = 0.1
+"""Slack of a row at its beginning."""
+MOST_ITERATIONS = 60
+MOST_ROWS_A_ROBOT = 32
+"""There is room for this many rows a robot (and two robots more); those beyond it do not take part."""
+
+
+class Program(NamedTuple):
+    """The data of the quadratic program for M robots with n = 2K variables each."""
+
+    weights: Array
+    """2Q of the positions, shape (2,)."""
+    blocks: Array
+    """The rest of the Hessians, shape (M, K, 3); see ``cost.blocks_of``."""
+    gradients: Array
+    """Shape (M, n)."""
+    arms: Array
+    """Shape (M, n, 2): how variables move positions, for the Hessians as for C."""
+    low: Array
+    """Shape (M, 5K)."""
+    high: Array
+    rows: Rows
+    penalty: float
+    """ρ, the price of a violated row a metre."""
+    step_s: float
+
+
+class Iterate(NamedTuple):
+    """Primal and dual variables; the first index of slacks and pressures is the side: low, high."""
+
+    change: Array
+    """d, shape (M, n)."""
+    slack: Array
+    """Of the limits, shape (2, M, 5K)."""
+    pressure: Array
+    """Multipliers of the limits, shape (2, M, 5K)."""
+    row_slack: Array
+    """Of the rows that take part, shape (capacity,), as the following."""
+    violation: Array
+    """t."""
+    force: Array
+    """λ of the rows; that of t ≥ 0 is ρ − λ."""
+    taking_part: Integers
+    """Indices of those rows among all."""
+
+
+class System(NamedTuple):
+    """Residuals of the optimality conditions at an iterate, and the factorised Newton system."""
+
+    stationarity: Array
+    """Shape (M, n)."""
+    limits: Array
+    """Shape (2, M, 5K)."""
+    rows: Array
+    """Shape (capacity,)."""
+    factors: Array
+    """Rows of Uᵢ, UᵢᵀUᵢ = Hᵢ + AᵀDA; see ``stagewise``, shape (M, n, 8)."""
+    halves: Array
+    """Uᵢ⁻ᵀC_rᵀ for both robots of a row, shape (capacity, 2, n)."""
+    starts: Integers
+    """First entry of a row's halves that is not zero."""
+    schur: Array
+    """U of C (H + AᵀDA)⁻¹ Cᵀ + W, shape (capacity, capacity)."""
+
+
+class Outcome(NamedTuple):
+    """What came of solving a program."""
+
+    change: Array
+    """d, shape (M, n)."""
+    forces: Array
+    """Of the rows on the positions, shape (M, K + 1, 2)."""
+    pressures: Array
+    """Multipliers of the limits, shape (2, M, 5K)."""
+    largest_force: float
+    """Of any single row."""
+    solved: bool
+    iterations: int
+
+
+@kernel
+def solve_program(program: Program, pressures: Array, tolerance: float) -> Outcome:
+    """Solve the program from d = 0, to a tolerance on stationarity, feasibility and complementarity.
+
+    Args:
+        program: the data.
+        pressures: multipliers of the limits to expect, shape (2, M, 5K); zero where nothing is known.
+        tolerance: the same for all conditions.
+    """
+    robots, size = program.gradients.shape
+    capacity = MOST_ROWS_A_ROBOT * (robots + 2)
+    iterate, direction = _empty(robots, size, capacity), _empty(robots, size, capacity)
+    system = _empty_system(robots, size, capacity)
+    taken = np.zeros(len(program.rows.gap), np.bool_)
+    count = _begin(program, iterate, pressures, taken)
+    solved, iterations = False, 0
+    while not solved and iterations < MOST_ITERATIONS:
+        _set_residuals(program, iterate, count, system)
+        mean = _complementarity(program, iterate, direction, count, 0.0)
+        error = max(_largest_residual(system, count), mean)
+        solved = error <= tolerance
+        if solved or not np.isfinite(error) or not _factorise(program, iterate, count, system):
+            break
+        iterations += 1
+        _find_direction(program, iterate, count, system, 0.0, False, direction)
+        length = _longest_step(program, iterate, direction, count)
+        after = _complementarity(program, iterate, direction, count, length)
+        _find_direction(program, iterate, count, system, mean * (after / mean) ** 3, True, direction)
+        length = min(1.0, TO_BOUNDARY * _longest_step(program, iterate, direction, count))
+        _advance(iterate, direction, count, length)
+        count = _let_in(program, iterate, taken, count, TIGHT_M, mean)
+    forces = np.zeros((robots, size // 2 + 1, 2))
+    add_forces(program.rows, iterate.taking_part[:count], iterate.force, forces)
+    largest = 0.0
+    for at in range(count):
+        largest = max(largest, iterate.force[at])
+    return Outcome(iterate.change, forces, iterate.pressure, largest, solved, iterations)
+
+
+@kernel
+def _empty(robots: int, size: int, capacity: int) -> Iterate:
+    limits = size // 2 * ROWS_PER_STEP
+    return Iterate(
+        np.zeros((robots, size)),
+        np.zeros((2, robots, limits)),
+        np.zeros((2, robots, limits)),
+        np.zeros(capacity),
+        np.zeros(capacity),
+        np.zeros(capacity),
+        np.zeros(capacity, np.int64),
+    )
+
+
+@kernel
+def _empty_system(robots: int, size: int, capacity: int) -> System:
+    limits = size // 2 * ROWS_PER_STEP
+    return System(
+        np.empty((robots, size)),
+        np.empty((2, robots, limits)),
+        np.empty(capacity),
+        np.empty((robots, size, WIDTH)),
+        np.empty((capacity, 2, size)),
+        np.empty(capacity, np.int64),
+        np.empty((capacity, capacity)),
+    )
+
+
+@kernel
+def _begin(program: Program, iterate: Iterate, pressures: Array, taken: Booleans) -> int:
+    """Begin near the central path: with the expected multipliers, and products of at least ``FIRST_MEAN``."""
+    for robot in range(len(program.low)):
+        for row in range(program.low.shape[1]):
+            low, high = program.low[robot, row], program.high[robot, row]
+            least = LEAST_SLACK * (high - low)
+            for side in range(2):
+                gap = high if side == 1 else -low
+                pressure = max(pressures[side, robot, row], FIRST_MEAN / max(gap, least))
+                iterate.pressure[side, robot, row] = pressure
+                iterate.slack[side, robot, row] = max(gap, FIRST_MEAN / pressure)
+    return _let_in(program, iterate, taken, 0, NEAR_M, FIRST_MEAN)
+
+
+@kernel
+def _let_in(
+    program: Program, iterate: Iterate, taken: Booleans, count: int, threshold: float, mean: float
+) -> int:
+    """Let rows with a gap below the threshold take part, as if complementarity held; return their number."""
+    shifts, gaps = np.zeros((len(iterate.change), iterate.change.shape[1] // 2 + 1, 2)), np.empty(len(taken))
+    for robot in range(len(shifts)):
+        displacements(program.arms[robot], iterate.change[robot], shifts[robot])
+    gaps_after(program.rows, shifts, gaps)
+    for row in range(len(taken)):
+        if gaps[row] < threshold and not taken[row] and count < len(iterate.force):
+            taken[row] = True
+            iterate.taking_part[count] = row
+            iterate.row_slack[count] = max(gaps[row], LEAST_GAP_M)
+            iterate.force[count] = min(mean / iterate.row_slack[count], 0.5 * program.penalty)
+            iterate.violation[count] = mean / (program.penalty - iterate.force[count])
+            count += 1
+    return count
+
+
+@kernel
+def _set_residuals(program: Program, iterate: Iterate, count: int, system: System) -> None:
+    robots, size = iterate.change.shape
+    limited = np.empty(program.low.shape[1])
+    shifts, forces = np.zeros((robots, size // 2 + 1, 2)), np.zeros((robots, size // 2 + 1, 2))
+    add_forces(program.rows, iterate.taking_part[:count], -iterate.force[:count], forces)
+    for robot in range(robots):
+        change, result = iterate.change[robot], system.stationarity[robot]
+        displacements(program.arms[robot], change, shifts[robot])
+        apply_limits(change, program.step_s, limited)
+        for row in range(len(limited)):
+            system.limits[0, robot, row] = (
+                limited[row] - program.low[robot, row] - iterate.slack[0, robot, row]
+            )
+            system.limits[1, robot, row] = (
+                program.high[robot, row] - limited[row] - iterate.slack[1, robot, row]
+            )
+        for slot in range(0, size, 2):
+            block = program.blocks[robot, slot // 2]
+            heading, speed = change[slot], change[slot + 1]
+            result[slot] = program.gradients[robot, slot] + block[0] * heading + block[1] * speed
+            result[slot + 1] = program.gradients[robot, slot + 1] + block[1] * heading + block[2] * speed
+        for row in range(len(limited)):
+            limited[row] = iterate.pressure[1, robot, row] - iterate.pressure[0, robot, row]
+        add_transposed_limits(limited, program.step_s, result)
+        for k in range(len(forces[robot])):
+            for c in range(2):
+                forces[robot, k, c] += program.weights[c] * shifts[robot, k, c]
+        pull_back(program.arms[robot], forces[robot], result)
+    gaps = np.empty(len(program.rows.gap))
+    gaps_after(program.rows, shifts, gaps)
+    for at in range(count):
+        row = iterate.taking_part[at]
+        system.rows[at] = gaps[row] + iterate.violation[at] - iterate.row_slack[at]
+
+
+@kernel
+def _largest_residual(system: System, count: int) -> float:
+    worst = max(np.abs(system.stationarity).max(), np.abs(system.limits).max())
+    for at in range(count):
+        worst = max(worst, abs(system.rows[at]))
+    return worst
+
+
+@kernel
+def _complementarity(
+    program: Program, iterate: Iterate, direction: Iterate, count: int, length: float
+) -> float:
+    """Mean product of slacks and multipliers after a step of some length."""
+    total = 0.0
+    slack, pressure = iterate.slack.ravel(), iterate.pressure.ravel()
+    more_slack, more_pressure = direction.slack.ravel(), direction.pressure.ravel()
+    for at in range(len(slack)):
+        total += (slack[at] + length * more_slack[at]) * (pressure[at] + length * more_pressure[at])
+    for at in range(count):
+        force = iterate.force[at] + length * direction.force[at]
+        total += (iterate.row_slack[at] + length * direction.row_slack[at]) * force
+        violation = iterate.violation[at] + length * direction.violation[at]
+        total += violation * (program.penalty - force)
+    return total / (len(slack) + 2 * count)
+
+
+@kernel
+def _factorise(program: Program, iterate: Iterate, count: int, system: System) -> bool:
+    """Factorise every robot's matrix, then the Schur complement of the rows that take part."""
+    robots, size = iterate.change.shape
+    weights, bands = np.empty(program.low.shape[1]), np.empty((size, 3))
+    for robot in range(robots):
+        for row in range(len(weights)):
+            weights[row] = (
+                iterate.pressure[0, robot, row] / iterate.slack[0, robot, row]
+                + iterate.pressure[1, robot, row] / iterate.slack[1, robot, row]
+            )
+        limit_bands(weights, program.step_s, bands)
+        if not factorise_stages(
+            program.arms[robot], program.weights, program.blocks[robot], bands, system.factors[robot]
+        ):
+            return False
+    _set_halves(program, iterate.taking_part[:count], system)
+    _set_coupling(program.rows, iterate.taking_part[:count], system)
+    for at in range(count):
+        system.schur[at, at] += (
+            iterate.violation[at] / (program.penalty - iterate.force[at])
+            + iterate.row_slack[at] / iterate.force[at]
+        )
+    return factorise(system.schur, count)
+
+
+@kernel
+def _set_halves(program: Program, taking_part: Integers, system: System) -> None:
+    """U⁻ᵀC_rᵀ for both robots of each row; the second's normal has the other sign."""
+    first, second, stage, normal = (
+        program.rows.first,
+        program.rows.second,
+        program.rows.stage,
+        program.rows.normal,
+    )
+    arms, halves, factors = program.arms, system.halves, system.factors
+    size = arms.shape[1]
+    for at in range(len(taking_part)):
+        row = taking_part[at]
+        start = size + 2 - 2 * stage[row]
+        system.starts[at] = start
+        x, y = normal[row, 0], normal[row, 1]
+        for side in range(2):
+            robot = first[row] if side == 0 else second[row]
+            if robot != NOBODY:
+                arm, half = arms[robot], halves[at, side]
+                for slot in range(start, size):
+                    half[slot] = arm[slot, 0] * x + arm[slot, 1] * y
+                solve_stages_transposed(factors[robot], arm, start, half)
+            x, y = -x, -y
+
+
+@kernel
+def _set_coupling(rows: Rows, taking_part: Integers, system: System) -> None:
+    """C (H + AᵀDA)⁻¹ Cᵀ: for two rows, one product of halves for each robot that both concern."""
+    first, second, schur, halves, starts = (
+        rows.first,
+        rows.second,
+        system.schur,
+        system.halves,
+        system.starts,
+    )
+    for at in range(len(taking_part)):
+        i, j = first[taking_part[at]], second[taking_part[at]]
+        for other in range(at, len(taking_part)):
+            m, n = first[taking_part[other]], second[taking_part[other]]
+            start = max(starts[at], starts[other])
+            total = 0.0
+            if i == m:
+                total += _product(halves[at, 0], halves[other, 0], start)
+            if i == n:
+                total += _product(halves[at, 0], halves[other, 1], start)
+            if j != NOBODY and j == m:
+                total += _product(halves[at, 1], halves[other, 0], start)
+            if j != NOBODY and j == n:
+                total += _product(halves[at, 1], halves[other, 1], start)
+            schur[at, other] = total
+
+
+@kernel
+def _product(one: Array, two: Array, start: int) -> float:
+    total = 0.0
+    for slot in range(start, len(one)):
+        total += one[slot] * two[slot]
+    return total
+
+
+@kernel
+def _robot_of(rows: Rows, row: int, side: int) -> int:
+    return rows.first[row] if side == 0 else rows.second[row]
+
+
+@kernel
+def _find_direction(
+    program: Program,
+    iterate: Iterate,
+    count: int,
+    system: System,
+    centre: float,
+    correct: bool,
+    direction: Iterate,
+) -> None:
+    """The Newton direction towards products of slack and multiplier equal to ``centre``.
+
+    With ``correct``, the products' second-order terms of the present direction are made up for (Mehrotra).
+    """
+    robots, size = iterate.change.shape
+    second_order = 1.0 if correct else 0.0
+    rows = np.empty(count)
+    for at in range(count):
+        on_slack, on_violation = _row_targets(program, iterate, direction, at, centre, second_order)
+        direction.row_slack[at], direction.violation[at] = on_slack, on_violation
+        rows[at] = (
+            on_slack / iterate.force[at]
+            - on_violation / (program.penalty - iterate.force[at])
+            - system.rows[at]
+        )
+    limited = np.empty(program.low.shape[1])
+    for robot in range(robots):
+        for row in range(len(limited)):
+            limited[row] = 0.0
+            for side in range(2):
+                slack, pressure = iterate.slack[side, robot, row], iterate.pressure[side, robot, row]
+                product = direction.slack[side, robot, row] * direction.pressure[side, robot, row]
+                target = centre - slack * pressure - second_order * product
+                share = (target - pressure * system.limits[side, robot, row]) / slack
+                direction.pressure[side, robot, row] = share
+                limited[row] += share if side == 0 else -share
+        right = direction.change[robot]
+        for slot in range(size):
+            right[slot] = -system.stationarity[robot, slot]
+        add_transposed_limits(limited, program.step_s, right)
+        solve_stages_transposed(system.factors[robot], program.arms[robot], 0, right)
+    _solve_rows(program, iterate, count, system, rows, direction)
+    for robot in range(robots):
+        solve_stages(system.factors[robot], program.arms[robot], direction.change[robot])
+        apply_limits(direction.change[robot], program.step_s, limited)
+        for side in range(2):
+            sign = 1.0 - 2.0 * side
+            for row in range(len(limited)):
+                slack, pressure = iterate.slack[side, robot, row], iterate.pressure[side, robot, row]
+                direction.pressure[side, robot, row] -= sign * pressure / slack * limited[row]
+                direction.slack[side, robot, row] = sign * limited[row] + system.limits[side, robot, row]
+
+
+@kernel
+def _row_targets(
+    program: Program, iterate: Iterate, direction: Iterate, at: int, centre: float, second_order: float
+) -> tuple[float, float]:
+    """By how much the two products of a row are to change: slack times force, violation times the rest."""
+    force, more = iterate.force[at], direction.force[at]
+    return (
+        centre - iterate.row_slack[at] * force - second_order * direction.row_slack[at] * more,
+        centre
+        - iterate.violation[at] * (program.penalty - force)
+        + second_order * direction.violation[at] * more,
+    )
+
+
+@kernel
+def _solve_rows(
+    program: Program, iterate: Iterate, count: int, system: System, rows: Array, direction: Iterate
+) -> None:
+    """Find the change of the forces, and add its effect to the half-solved changes of the robots."""
+    size = iterate.change.shape[1]
+    for at in range(count):
+        for side in range(2):
+            robot = _robot_of(program.rows, iterate.taking_part[at], side)
+            if robot != NOBODY:
+                for slot in range(system.starts[at], size):
+                    rows[at] -= system.halves[at, side, slot] * direction.change[robot, slot]
+    solve_transposed(system.schur, count, rows)
+    solve_upper(system.schur, count, rows)
+    for at in range(count):
+        force, more = iterate.force[at], rows[at]
+        for side in range(2):
+            robot = _robot_of(program.rows, iterate.taking_part[at], side)
+            if robot != NOBODY:
+                for slot in range(system.starts[at], size):
+                    direction.change[robot, slot] += system.halves[at, side, slot] * more
+        direction.force[at] = more
+        direction.row_slack[at] = (direction.row_slack[at] - iterate.row_slack[at] * more) / force
+        direction.violation[at] = (direction.violation[at] + iterate.violation[at] * more) / (
+            program.penalty - force
+        )
+
+
+@kernel
+def _longest_step(program: Program, iterate: Iterate, direction: Iterate, count: int) -> float:
+    """The longest step, at most 1, with which no slack and no multiplier becomes negative."""
+    slowest = 1.0
+    slack, pressure = iterate.slack.ravel(), iterate.pressure.ravel()
+    more_slack, more_pressure = direction.slack.ravel(), direction.pressure.ravel()
+    for at in range(len(slack)):
+        slowest = max(slowest, -more_slack[at] / slack[at])
+        slowest = max(slowest, -more_pressure[at] / pressure[at])
+    for at in range(count):
+        slowest = max(slowest, -direction.row_slack[at] / iterate.row_slack[at])
+        slowest = max(slowest, -direction.violation[at] / iterate.violation[at])
+        slowest = max(slowest, -direction.force[at] / iterate.force[at])
+        slowest = max(slowest, direction.force[at] / (program.penalty - iterate.force[at]))
+    return 1.0 / slowest
+
+
+@kernel
+def _advance(iterate: Iterate, direction: Iterate, count: int, length: float) -> None:
+    iterate.change[:] += length * direction.change
+    iterate.slack[:] += length * direction.slack
+    iterate.pressure[:] += length * direction.pressure
+    iterate.row_slack[:count] += length * direction.row_slack[:count]
+    iterate.violation[:count] += length * direction.violation[:count]
+    iterate.force[:count] += length * direction.force[:count]

@@ -1,0 +1,136 @@
+"""One step of sequential quadratic programming, and how far to follow it."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.compiled import kernel
+from agent.solver.realtime.cost import blocks_of, cost_of, gradient_of
+from agent.solver.realtime.distances import rows_about, violation_of
+from agent.solver.realtime.interior_point import Outcome, Program, solve_program
+from agent.solver.realtime.limits import bounds_of, limited_quantities
+from agent.solver.realtime.profiles import arms_of, displacements, moved
+from agent.vehicle import Array
+
+SUFFICIENT = 1e-4
+"""Part of the predicted decrease that a step must bring (Armijo)."""
+LEAST_PRICE = 10.0
+"""Of a violated metre in the merit, where no row pushes."""
+SHORTEST = 1e-3
+"""Shorter steps are not tried."""
+
+
+class Data(NamedTuple):
+    """The arrays of a ``JointProblem``, as its fields and properties describe them."""
+
+    previous_inputs: Array
+    goals: Array
+    input_bounds: Array
+    rate_bounds: Array
+    speed_bounds: Array
+    obstacles: Array
+    safety_distances: Array
+    area: Array
+    weights: Array
+    step_s: float
+
+
+@kernel
+def program_about(data: Data, states: Array, forces: Array, penalty: float) -> Program:
+    """The quadratic program about a trajectory (M, K + 1, 4) with constraint forces (M, K + 1, 2).
+
+    Limits that the trajectory does not keep (a vehicle that is too fast already) are widened to it.
+    """
+    robots, steps = states.shape[0], states.shape[1] - 1
+    arms = arms_of(states, data.step_s)
+    low, high = np.empty((robots, 5 * steps)), np.empty((robots, 5 * steps))
+    quantities = np.empty(5 * steps)
+    for robot in range(robots):
+        bounds = bounds_of(data.input_bounds[robot], data.rate_bounds[robot], data.speed_bounds[robot], steps)
+        limited_quantities(states[robot], data.previous_inputs[robot], data.step_s, quantities)
+        for row in range(len(bounds)):
+            high[robot, row] = max(bounds[row] - quantities[row], 0.0)
+            low[robot, row] = min(-bounds[row] - quantities[row], 0.0)
+    return Program(
+        2.0 * data.weights[:2],
+        blocks_of(states, data.goals, data.weights, forces, data.step_s),
+        gradient_of(states, data.goals, data.weights, arms),
+        arms,
+        low,
+        high,
+        rows_about(states, data.obstacles, data.safety_distances, data.area),
+        penalty,
+        data.step_s,
+    )
+
+
+@kernel
+def merit_of(data: Data, states: Array, price: float) -> float:
+    """Cost plus the price of all violations a metre."""
+    return cost_of(states, data.goals, data.weights) + price * violation_of(
+        states, data.obstacles, data.safety_distances, data.area
+    )
+
+
+@kernel
+def improve(
+    data: Data, states: Array, forces: Array, pressures: Array, penalty: float, tolerance: float
+) -> tuple[Array, Array, Array, float, bool]:
+    """One step: write the quadratic program about a trajectory, solve it and follow its solution.
+
+    Args:
+        data: the problem.
+        states: a trajectory within the limits, shape (M, K + 1, 4).
+        forces: constraint forces to expect, shape (M, K + 1, 2).
+        pressures: multipliers of the limits to expect, shape (2, M, 5K).
+        penalty: price of a violated metre in the quadratic program.
+        tolerance: of its optimality conditions.
+
+    Returns:
+        The new states, forces and pressures; the decrease of the merit that was promised, relative to the merit
+        (zero if no part of the step helped); whether the quadratic program was solved. If it was not, the
+        states are the old ones.
+    """
+    program = program_about(data, states, forces, penalty)
+    outcome = solve_program(program, pressures, tolerance)
+    if not outcome.solved:
+        return states, forces, pressures, 0.0, False
+    there, promised = _followed(data, program, states, outcome)
+    return there, outcome.forces, outcome.pressures, promised, True
+
+
+@kernel
+def _followed(data: Data, program: Program, states: Array, outcome: Outcome) -> tuple[Array, float]:
+    """Go as far along a change as it brings enough decrease of the merit, on true rollouts.
+
+    The merit's price of violations is twice the largest force: enough for the change to lead downhill, and no
+    more, since a higher price shortens steps along curved boundaries.
+    """
+    price = LEAST_PRICE + 2.0 * outcome.largest_force
+    violation = violation_of(states, data.obstacles, data.safety_distances, data.area)
+    merit = cost_of(states, data.goals, data.weights) + price * violation
+    promised = price * violation - _modelled_increase(program, outcome.change)
+    share = 1.0
+    while share >= SHORTEST:
+        there = moved(states, outcome.change, share, data.step_s)
+        if merit_of(data, there, price) <= merit - SUFFICIENT * share * promised:
+            return there, promised / (1.0 + merit)
+        share *= 0.5
+    return states, 0.0
+
+
+@kernel
+def _modelled_increase(program: Program, change: Array) -> float:
+    """gᵀd + ½ dᵀHd, summed over the robots."""
+    shifts, total = np.empty((change.shape[1] // 2 + 1, 2)), 0.0
+    for robot in range(len(change)):
+        displacements(program.arms[robot], change[robot], shifts)
+        for c in range(2):
+            total += 0.5 * program.weights[c] * (shifts[:, c] ** 2).sum()
+        total += (program.gradients[robot] * change[robot]).sum()
+        for slot in range(0, change.shape[1], 2):
+            block = program.blocks[robot, slot // 2]
+            heading, speed = change[robot, slot], change[robot, slot + 1]
+            total += 0.5 * (block[0] * heading + 2.0 * block[1] * speed) * heading
+            total += 0.5 * block[2] * speed * speed
+    return total

@@ -1,0 +1,84 @@
+"""Real-time iteration: a few steps of sequential quadratic programming from the last step's solution."""
+
+import numpy as np
+
+from agent.deadline import Deadline
+from agent.solver.problem import JointProblem, Solution, Start
+from agent.solver.realtime.limits import ROWS_PER_STEP
+from agent.solver.realtime.profiles import inputs_of, states_of
+from agent.solver.realtime.sequential import Data, improve
+from agent.solver.starts import within_limits
+from agent.vehicle import Array
+
+PENALTY_PER_M = 3e4
+"""Price of a violated metre of distance or area in the quadratic programs; above all multipliers of crossings,
+so exact."""
+TOLERANCE = 1e-5
+"""Of the quadratic programs' optimality conditions."""
+CONVERGED = 1e-6
+"""A step that promises to decrease the merit by no more than this, relative to it, is the last."""
+COLD_ITERATIONS = 60
+"""Most iterations from a cold start."""
+
+
+class RealTimeSolver:
+    """Every iterate is a true rollout within the limits, so that it can end after any of them.
+
+    Args:
+        iterations: most of them a step, from a warm start.
+        deadline: after it no further iteration begins; the first one always does.
+    """
+
+    def __init__(self, iterations: int, deadline: Deadline) -> None:
+        self._iterations = iterations
+        self._deadline = deadline
+
+    def solve(self, problem: JointProblem, start: Start) -> Solution:
+        """See :class:`agent.solver.problem.JointSolver`."""
+        data = _data_of(problem)
+        first = within_limits(problem, start.inputs)
+        states = states_of(np.ascontiguousarray(problem.states), first, problem.step_s)
+        forces = np.ascontiguousarray(start.forces)
+        pressures = np.zeros((2, len(states), ROWS_PER_STEP * problem.steps))
+        most = self._iterations if start.warm else COLD_ITERATIONS
+        solved, iterations = bool(np.isfinite(states).all()), 0
+        while solved and iterations < most and not (iterations and self._deadline.passed):
+            states, forces, pressures, promised, solved = improve(
+                data, states, forces, pressures, PENALTY_PER_M, TOLERANCE
+            )
+            iterations += 1
+            if promised <= CONVERGED:
+                break
+        return _solution(problem, states, forces, solved, iterations)
+
+
+def _solution(problem: JointProblem, states: Array, forces: Array, solved: bool, iterations: int) -> Solution:
+    # Quadratic programs keep limits to their tolerance; what is handed on keeps them exactly.
+    inputs = within_limits(problem, inputs_of(states, problem.step_s))
+    states = problem.rollout(inputs)
+    return Solution(
+        inputs=inputs,
+        states=states,
+        forces=forces,
+        objective=problem.objective(states),
+        violation_m=problem.violation_m(states),
+        solved=solved,
+        iterations=iterations,
+    )
+
+
+def _data_of(problem: JointProblem) -> Data:
+    bounds = problem.input_bounds
+    arrays = (
+        # Inputs recovered from noisy poses can lie outside the limits.
+        np.clip(problem.previous_inputs, -bounds, bounds),
+        problem.goals,
+        bounds,
+        problem.rate_bounds,
+        problem.speed_bounds,
+        problem.obstacles,
+        problem.safety_distances,
+        problem.area,
+        problem.weights,
+    )
+    return Data(*(np.ascontiguousarray(each, dtype=float) for each in arrays), problem.step_s)

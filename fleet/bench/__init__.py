@@ -1,0 +1,1 @@
+"""``unspoken bench``: how fast and how good decisions are on this machine; one module a section."""
