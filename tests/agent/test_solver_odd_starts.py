@@ -4,17 +4,20 @@ import math
 
 import numpy as np
 import pytest
-from agent_helpers import SAFETY_M, STEP_S, problem_of
+from agent_helpers import SAFETY_M, SOLVERS, STEP_S, cold, problem_of
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from agent.solver import reference
-from agent.solver.problem import JointProblem
+from agent.solver.problem import JointProblem, JointSolver
 from agent.solver.reference import ReferenceSolver
-from agent.solver.starts import cold_start
 
-SOLVER = ReferenceSolver()
 OPPOSITE = [(4.0, 0.0, 0.0, 0.0), (-4.0, 0.0, math.pi, 0.0)]
+
+
+@pytest.fixture(params=SOLVERS, scope="module")
+def solver(request: pytest.FixtureRequest) -> JointSolver:
+    return SOLVERS[request.param]
 
 
 def assert_inputs_within_limits(problem: JointProblem, inputs: np.ndarray) -> None:
@@ -46,33 +49,33 @@ def assert_inputs_within_limits(problem: JointProblem, inputs: np.ndarray) -> No
         "previous inputs outside the limits",
     ],
 )
-def test_it_still_solves_within_the_limits_of_the_vehicles(states, previous):
+def test_it_still_solves_within_the_limits_of_the_vehicles(solver, states, previous):
     problem = problem_of(states, OPPOSITE, previous=previous)
-    solution = SOLVER.solve(problem, cold_start(problem))
+    solution = solver.solve(problem, cold(problem))
     assert solution.solved
     assert_inputs_within_limits(problem, solution.inputs)
     np.testing.assert_array_equal(solution.states, problem.rollout(solution.inputs))
 
 
-def test_robots_that_are_too_close_move_apart():
+def test_robots_that_are_too_close_move_apart(solver):
     problem = problem_of([(-0.5, 0.0, 0.0, 0.0), (0.5, 0.1, math.pi, 0.0)], OPPOSITE)
-    solution = SOLVER.solve(problem, cold_start(problem))
+    solution = solver.solve(problem, cold(problem))
     gaps = np.linalg.norm(solution.states[0, :, :2] - solution.states[1, :, :2], axis=1)
     assert solution.violation_m == pytest.approx(SAFETY_M - gaps[2:].min())
     assert solution.violation_m > 0.3
     assert gaps[-1] >= SAFETY_M - 1e-6
 
 
-def test_a_robot_outside_the_area_comes_back():
+def test_a_robot_outside_the_area_comes_back(solver):
     problem = problem_of([(-11.0, 0.0, 0.0, 0.0)], [(0.0, 0.0, 0.0, 0.0)])
-    states = SOLVER.solve(problem, cold_start(problem)).states[0]
+    states = solver.solve(problem, cold(problem)).states[0]
     assert (np.diff(states[:, 0]) >= -1e-9).all()
     assert states[-1, 0] > -10.0
 
 
-def test_a_robot_that_is_too_fast_slows_down_as_soon_as_it_can():
+def test_a_robot_that_is_too_fast_slows_down_as_soon_as_it_can(solver):
     problem = problem_of([(-8.0, 0.0, 0.0, 6.0)], [(8.0, 0.0, 0.0, 0.0)])
-    speeds = SOLVER.solve(problem, cold_start(problem)).states[0, :, 3]
+    speeds = solver.solve(problem, cold(problem)).states[0, :, 3]
     braking = np.cumsum([0.07, 0.14, 0.21, 0.28, 0.3, 0.3])
     np.testing.assert_allclose(speeds[1:5], 6.0 - braking[:4], atol=1e-4)
     assert (speeds[12:] <= 4.5 + 1e-6).all()
@@ -87,7 +90,7 @@ def test_a_robot_that_is_too_fast_slows_down_as_soon_as_it_can():
 @example(1084)
 @example(2285)
 @given(st.integers(0, 2**32 - 1))
-def test_whatever_was_observed_there_is_a_solution(seed):
+def test_whatever_was_observed_there_is_a_solution(solver, seed):
     """One robot anywhere, at any speed, after any input, with another on its way."""
     random = np.random.default_rng(seed)
     state = random.uniform([-11.0, -11.0, -math.pi, -6.0], [11.0, 11.0, math.pi, 6.0])
@@ -98,7 +101,7 @@ def test_whatever_was_observed_there_is_a_solution(seed):
         previous=[random.uniform([-3.0, -6.0], [3.0, 6.0])],
         obstacles=obstacle[None],
     )
-    solution = SOLVER.solve(problem, cold_start(problem))
+    solution = solver.solve(problem, cold(problem))
     assert solution.solved
     assert_inputs_within_limits(problem, solution.inputs)
 
@@ -106,14 +109,14 @@ def test_whatever_was_observed_there_is_a_solution(seed):
 def test_a_solver_that_gives_up_says_so_and_its_inputs_still_obey_the_limits(monkeypatch):
     monkeypatch.setitem(reference.IPOPT_OPTIONS, "ipopt.max_iter", 2)
     problem = problem_of([(-4.0, 0.0, 0.0, 0.0), (4.0, 0.0, math.pi, 0.0)], OPPOSITE)
-    solution = ReferenceSolver().solve(problem, cold_start(problem))
+    solution = ReferenceSolver().solve(problem, cold(problem))
     assert not solution.solved
     assert solution.iterations == 2
     assert_inputs_within_limits(problem, solution.inputs)
 
 
-def test_a_problem_with_a_value_that_is_no_number_is_not_solved():
+def test_a_problem_with_a_value_that_is_no_number_is_not_solved(solver):
     problem = problem_of([(-4.0, 0.0, 0.0, 0.0)], [(math.nan, 0.0, 0.0, 0.0)])
-    solution = SOLVER.solve(problem, cold_start(problem))
+    solution = solver.solve(problem, cold(problem))
     assert not solution.solved
     assert_inputs_within_limits(problem, solution.inputs)

@@ -146,9 +146,9 @@ def test_wrong_usage_is_refused_before_anything_is_written(
     is_refused(unspoken(command, *arguments), *words)
 
 
-@pytest.mark.parametrize("value", ["nan", "inf", "-0.1", "soon"])
+@pytest.mark.parametrize("value", ["nan", "inf", "-0.1"])
 def test_a_budget_that_is_none_is_refused(value: str) -> None:
-    is_refused(unspoken("run", "8a", "--budget-ms", value), "--budget-ms", value)
+    is_refused(unspoken("run", "8a", "--budget-ms", value), "--budget-ms", f"{value} found")
 
 
 def test_a_simulation_has_no_clock_that_could_bound_decisions() -> None:

@@ -45,10 +45,10 @@ def gradient_of(states: Array, goals: Array, weights: Array, arms: Array) -> Arr
 def blocks_of(states: Array, goals: Array, weights: Array, forces: Array, step_s: float) -> Array:
     """The part of the Hessian that belongs to each stage's heading and speed, shape (M, K, 3), K to 1.
 
-    The whole Hessian of the Lagrangian is taken as Σ_k (∂p_k)ᵀ 2Q ∂p_k, which is Gauss–Newton in the positions,
-    and one block in (ψ_j, v_j) a stage: the cost of heading and speed, and the exact second derivative of that
-    stage's step of the model, weighted by the costate of the position after it. Blocks are projected onto the
-    positive definite ones. The curvature of the distances is left out: it is negative.
+    The whole Hessian of the Lagrangian is taken as Σ_k (∂p_k)ᵀ 2Q ∂p_k, which is Gauss–Newton in the
+    positions, and one block in (ψ_j, v_j) a stage: the cost of heading and speed, and the exact second
+    derivative of that stage's step of the model, weighted by the costate of the position after it. Blocks are
+    projected onto the positive definite ones. The curvature of the distances is left out: it is negative.
 
     Args:
         states: shape (M, K + 1, 4).

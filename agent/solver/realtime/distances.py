@@ -1,4 +1,4 @@
-"""What keeps robots apart and inside the area: rows n·(p_i − p_j) ≥ …, linearised about a trajectory (eq. 10).
+"""What keeps robots apart (eq. 10) and inside the area: rows n·(p_i − p_j) ≥ …, linearised at a trajectory.
 
 A row concerns a robot at a stage and either a second robot or something that does not give way: an obstacle
 or a side of the area. All of them are soft, with an exact L1 penalty.

@@ -3,7 +3,7 @@
     min_d Σ_i (½ dᵢᵀHᵢdᵢ + gᵢᵀdᵢ) + ρ Σ_r t_r
     s.t.  low ≤ A dᵢ ≤ high for every robot,    gap_r + C_r d + t_r ≥ 0,  t_r ≥ 0 for every row r.
 
-The limits stay within each robot's own matrix Hᵢ + AᵀDA, which is factorised alone (``stagewise``). Robots meet only in the
+The limits stay within each robot's own matrix Hᵢ + AᵀDA, which is factorised alone. Robots meet only in the
 rows of their distances, through the Schur complement of those, and a row takes part only once it is nearly
 tight: far more rows exist than ever matter.
 """
@@ -260,7 +260,7 @@ def _set_residuals(program: Program, iterate: Iterate, count: int, system: Syste
 
 @kernel
 def _largest_residual(system: System, count: int) -> float:
-    worst = max(np.abs(system.stationarity).max(), np.abs(system.limits).max())
+    worst: float = max(np.abs(system.stationarity).max(), np.abs(system.limits).max())
     for at in range(count):
         worst = max(worst, abs(system.rows[at]))
     return worst
@@ -373,7 +373,8 @@ def _product(one: Array, two: Array, start: int) -> float:
 
 @kernel
 def _robot_of(rows: Rows, row: int, side: int) -> int:
-    return rows.first[row] if side == 0 else rows.second[row]
+    robot: int = rows.first[row] if side == 0 else rows.second[row]
+    return robot
 
 
 @kernel

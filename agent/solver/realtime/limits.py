@@ -49,8 +49,9 @@ def add_transposed_limits(rows: Array, step_s: float, result: Array) -> None:
 
 @kernel
 def limit_bands(weights: Array, step_s: float, bands: Array) -> None:
-    """Set the bands (n, 3) to AᵀDA, D = diag(weights): its entries with the same variable of the same stage,
-    of the stage before and of the one before that.
+    """Set the bands (n, 3) to AᵀDA, D = diag(weights).
+
+    Its entries of a variable with itself, with that of the stage before and with that of the one before it.
     """
     steps = len(bands) // 2
     scale = 1.0 / step_s**2

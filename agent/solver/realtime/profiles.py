@@ -1,7 +1,7 @@
 """Trajectories as profiles: the headings and speeds of stages 1…K are the variables of a robot.
 
-Inputs are their differences and positions their sums (eq. 8), so every limit of a vehicle is linear in them and
-only positions are not. Variables stand in the order ψ_K, v_K, ψ_{K−1}, …, v_1: a position depends on the
+Inputs are their differences and positions their sums (eq. 8), so every limit of a vehicle is linear in them
+and only positions are not. Variables stand in the order ψ_K, v_K, ψ_{K−1}, …, v_1: a position depends on the
 profile before its stage, so its gradient begins with zeros, and stays so when a factorisation is applied.
 
 Shapes: M robots, K steps, n = 2K variables a robot. States are (M, K + 1, 4).
@@ -61,7 +61,7 @@ def moved(states: Array, change: Array, share: float, step_s: float) -> Array:
 def arms_of(states: Array, step_s: float) -> Array:
     """How each variable moves all later positions: ∂p_k/∂ψ_j and ∂p_k/∂v_j for any k > j, shape (M, n, 2).
 
-    A position is a sum of v (cos ψ, sin ψ) Δt, so the effect of stage j is the same on all positions after it.
+    A position is a sum of v (cos ψ, sin ψ) Δt, so stage j has the same effect on all positions after it.
     """
     robots, steps = states.shape[0], states.shape[1] - 1
     arms = np.empty((robots, 2 * steps, 2))

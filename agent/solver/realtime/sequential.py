@@ -87,9 +87,9 @@ def improve(
         tolerance: of its optimality conditions.
 
     Returns:
-        The new states, forces and pressures; the decrease of the merit that was promised, relative to the merit
-        (zero if no part of the step helped); whether the quadratic program was solved. If it was not, the
-        states are the old ones.
+        The new states, forces and pressures; the decrease of the merit that was promised, relative to the
+        merit (zero if no part of the step helped); whether the quadratic program was solved. If it was not,
+        the states are the old ones.
     """
     program = program_about(data, states, forces, penalty)
     outcome = solve_program(program, pressures, tolerance)

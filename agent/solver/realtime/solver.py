@@ -11,8 +11,8 @@ from agent.solver.starts import within_limits
 from agent.vehicle import Array
 
 PENALTY_PER_M = 3e4
-"""Price of a violated metre of distance or area in the quadratic programs; above all multipliers of crossings,
-so exact."""
+"""Price of a violated metre of distance or area in the quadratic programs; above all multipliers of
+crossings, so exact."""
 TOLERANCE = 1e-5
 """Of the quadratic programs' optimality conditions."""
 CONVERGED = 1e-6
@@ -37,8 +37,8 @@ class RealTimeSolver:
         """See :class:`agent.solver.problem.JointSolver`."""
         data = _data_of(problem)
         first = within_limits(problem, start.inputs)
-        states = states_of(np.ascontiguousarray(problem.states), first, problem.step_s)
-        forces = np.ascontiguousarray(start.forces)
+        states = states_of(_compact(problem.states), first, problem.step_s)
+        forces = _compact(start.forces)
         pressures = np.zeros((2, len(states), ROWS_PER_STEP * problem.steps))
         most = self._iterations if start.warm else COLD_ITERATIONS
         solved, iterations = bool(np.isfinite(states).all()), 0
@@ -69,16 +69,21 @@ def _solution(problem: JointProblem, states: Array, forces: Array, solved: bool,
 
 def _data_of(problem: JointProblem) -> Data:
     bounds = problem.input_bounds
-    arrays = (
+    return Data(
         # Inputs recovered from noisy poses can lie outside the limits.
-        np.clip(problem.previous_inputs, -bounds, bounds),
-        problem.goals,
-        bounds,
-        problem.rate_bounds,
-        problem.speed_bounds,
-        problem.obstacles,
-        problem.safety_distances,
-        problem.area,
-        problem.weights,
+        previous_inputs=_compact(np.clip(problem.previous_inputs, -bounds, bounds)),
+        goals=_compact(problem.goals),
+        input_bounds=_compact(bounds),
+        rate_bounds=_compact(problem.rate_bounds),
+        speed_bounds=_compact(problem.speed_bounds),
+        obstacles=_compact(problem.obstacles),
+        safety_distances=_compact(problem.safety_distances),
+        area=_compact(problem.area),
+        weights=_compact(problem.weights),
+        step_s=problem.step_s,
     )
-    return Data(*(np.ascontiguousarray(each, dtype=float) for each in arrays), problem.step_s)
+
+
+def _compact(values: Array) -> Array:
+    """As kernels take arrays: C-contiguous, of float64."""
+    return np.ascontiguousarray(values, dtype=np.float64)

@@ -17,7 +17,7 @@ from agent.compiled import kernel
 from agent.vehicle import Array
 
 WIDTH = 8
-"""Numbers a row: own ψ, own v, pull in x and y, ψ and v of the stage before, ψ and v of the one before that."""
+"""Numbers a row: own ψ and v, pull in x and y, ψ and v of the stage before, ψ and v of the one before it."""
 
 
 @kernel
