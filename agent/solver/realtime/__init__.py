@@ -2,6 +2,6 @@
 
 From the outside in: ``solver`` iterates; ``sequential`` writes the quadratic program about a trajectory and
 follows its solution; ``interior_point`` solves it with the factorisations of ``stagewise`` and ``cholesky``;
-``cost``, ``limits`` and ``distances`` are what the program is made of, and ``profiles`` the variables in which
-all of it is written.
+``cost``, ``limits`` and ``distances`` are what the program is made of, and ``profiles`` the variables in
+which all of it is written.
 """

@@ -15,7 +15,7 @@ PENALTY_PER_M = 3e4
 crossings, so exact."""
 TOLERANCE = 1e-5
 """Of the quadratic programs' optimality conditions."""
-CONVERGED = 1e-6
+CONVERGED = 3e-5
 """A step that promises to decrease the merit by no more than this, relative to it, is the last."""
 COLD_ITERATIONS = 60
 """Most iterations from a cold start."""
