@@ -32,9 +32,9 @@ def kernel(function: Function) -> Function:
     Divisions by zero give infinities and NaN instead of errors, sums may be reordered (so that they use the
     vector units), and other threads run meanwhile.
     """
-    options = {"error_model": "numpy", "nogil": True, "fastmath": {"reassoc", "contract"}}
-    # Nothing but Python and other kernels calls a kernel, so it needs no wrapper for C.
-    compiled = numba.njit(cache=True, no_cfunc_wrapper=True, **options)(function)
+    compiled = numba.njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract"})(
+        function
+    )
     _kernels.append(compiled)
     return cast(Function, compiled)
 

@@ -111,7 +111,7 @@ def main() -> None:
         with (FOLDER / "lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             if not is_complete():
-                print(f"compiling the solver into {FOLDER}, which takes about half a minute", flush=True)
+                print(f"compiling the solver into {FOLDER}, which takes about a minute", flush=True)
                 # This estimator begins as a simpler one; no other choice uses more.
                 print(f"compiled in {warm_up('ioc', 'realtime'):.0f} s")
                 mark_complete()

@@ -55,6 +55,10 @@ class Summary(_Record):
     scenario: str
     goals: str
     solver: str
+    iterations: int
+    """Most of the real-time solver for one problem."""
+    budget_ms: float | None
+    """For a decision with the real-time solver; None for no limit."""
     clock: str
     seed: int
     verdict: str
@@ -128,6 +132,8 @@ class Tally:
             scenario=facts.scenario,
             goals=facts.goals,
             solver=facts.solver,
+            iterations=facts.iterations,
+            budget_ms=facts.budget_ms,
             clock=facts.clock,
             seed=facts.seed,
             verdict=(truth and truth.verdict) or without_verdict,

@@ -63,7 +63,7 @@ def _row(robots: int, rounds: int, watch: Watch) -> BusRow:
                 now = {robot: each.model_copy(update={"step": step}) for robot, each in observations.items()}
                 begin_s = time.perf_counter()
                 bus.publish_observations(now)
-                _gather(set(now), inbox)
+                gather(set(now), inbox)
                 durations_ms.append(1e3 * (time.perf_counter() - begin_s))
     return BusRow(robots=robots, rounds=rounds, wall=Distribution.of(durations_ms))
 
@@ -75,7 +75,12 @@ def _wait_for_all(robots: int, inbox: Inbox, crew: Crew, watch: Watch) -> None:
             raise ProcessFailedError("\n".join(ended.values()))
 
 
-def _gather(awaited: set[str], inbox: Inbox) -> None:
+def gather(awaited: set[str], inbox: Inbox) -> None:
+    """Return when a command of each of these robots is there.
+
+    Raises:
+        ProcessFailedError: one is missing after ``LOST_S``.
+    """
     until_s = time.monotonic() + LOST_S
     while awaited:
         awaited -= {robot for robot, _ in inbox.take(until_s - time.monotonic()).commands}

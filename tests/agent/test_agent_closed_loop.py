@@ -7,6 +7,7 @@ from agent_helpers import EPOCH
 
 from agent.agent import Agent
 from agent.estimation import GoalsName
+from agent.solver import SolverName
 from protocol.messages import Mind, Truth
 from protocol.scenario import Scenario, Sensing
 from protocol.scenario_file import load_scenario
@@ -16,14 +17,14 @@ from world.world import World
 COLLISION_M = 0.99
 
 
-def run(scenario: Scenario, goals: GoalsName, *, steps: int, seed: int = 0) -> tuple[Truth, list[Mind]]:
+def run(
+    scenario: Scenario, goals: GoalsName, *, steps: int, seed: int = 0, solver: SolverName = "realtime"
+) -> tuple[Truth, list[Mind]]:
     """The world after so many steps, or at its verdict, and what everybody thought on the way."""
     scene = scenario.scene(with_goals=goals == "exchanged")
     world = World(scenario, seed=seed, epoch=EPOCH)
     agents = {
-        robot.id: Agent(
-            robot.id, robot.goal_pose(), scene, goals=goals, solver="reference", clock=lambda: 0.0
-        )
+        robot.id: Agent(robot.id, robot.goal_pose(), scene, goals=goals, solver=solver, clock=lambda: 0.0)
         for robot in scenario.robots
     }
     minds = []
@@ -38,8 +39,8 @@ def run(scenario: Scenario, goals: GoalsName, *, steps: int, seed: int = 0) -> t
     return world.truth(), minds
 
 
-def crossing(goals: GoalsName, *, steps: int) -> tuple[Truth, list[Mind]]:
-    return run(load_scenario(find("2-crossing")), goals, steps=steps)
+def crossing(goals: GoalsName, **settings) -> tuple[Truth, list[Mind]]:
+    return run(load_scenario(find("2-crossing")), goals, **settings)
 
 
 @cache
@@ -53,10 +54,18 @@ def noisy_crossing() -> tuple[Truth, list[Mind]]:
 
 
 @pytest.mark.parametrize(
-    "goals", ["exchanged", "ioc", pytest.param("constant-acceleration", marks=pytest.mark.slow)]
+    ("goals", "solver"),
+    [
+        ("exchanged", "realtime"),
+        ("ioc", "realtime"),
+        ("constant-acceleration", "realtime"),
+        ("exchanged", "reference"),
+        pytest.param("ioc", "reference", marks=pytest.mark.slow),
+        pytest.param("constant-acceleration", "reference", marks=pytest.mark.slow),
+    ],
 )
-def test_two_robots_cross_and_park_without_one_command_beyond_the_limits(goals):
-    truth, minds = crossing(goals, steps=150)
+def test_two_robots_cross_and_park_without_one_command_beyond_the_limits(goals, solver):
+    truth, minds = crossing(goals, steps=150, solver=solver)
     assert truth.verdict == "arrived"
     assert truth.minimum_distance_m > COLLISION_M
     assert not any(mind.failed for mind in minds)

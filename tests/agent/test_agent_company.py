@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from agent_helpers import STEP_S, euler, scene_of, seen
+from agent_helpers import SOLVERS, STEP_S, euler, scene_of, seen
 
 from agent.agent import Agent
 from agent.memory import LONGEST_GAP
@@ -15,11 +15,15 @@ A = (-4.0, 0.0, 0.0, 1.0)
 GOAL = Goal(x_m=4.0, y_m=0.0, heading_rad=0.0)
 NEAR = (3.97, 0.01, 0.02, 0.08)
 """Within the tolerance of 0.1: 0.03, 0.01, 0.02 and 0.08 have the norm 0.088."""
+ON_THE_WAY_M = {"realtime": 1e-3, "reference": 1e-6}
+"""How exactly plans keep distances: the real-time solver improves them a little at each step."""
 
 
-def agent_of(goal: Goal = GOAL, *, goals="constant-acceleration", shared=None, robots: str = "abc") -> Agent:
+def agent_of(
+    goal: Goal = GOAL, *, goals="constant-acceleration", shared=None, robots: str = "abc", solver="realtime"
+) -> Agent:
     scene = scene_of(robots, goals=shared)
-    return Agent("a", goal, scene, goals=goals, solver="reference", clock=lambda: 0.0)
+    return Agent("a", goal, scene, goals=goals, solver=solver, clock=lambda: 0.0)
 
 
 def parked_path(mind: Mind, robot: str) -> bool:
@@ -60,8 +64,9 @@ def test_a_goal_heading_a_whole_turn_away_is_the_same_heading():
     assert agent_of(goal).decide(seen(0, {"a": NEAR})).mind.arrived
 
 
-def test_robots_appear_and_vanish_between_steps():
-    agent, away = agent_of(), (0.0, -4.0, math.pi / 2, 1.0)
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_robots_appear_and_vanish_between_steps(solver):
+    agent, away = agent_of(solver=solver), (0.0, -4.0, math.pi / 2, 1.0)
     others = [{}, {"b": away}, {"b": away, "c": (2.0, 3.0, 0.0, 0.0)}, {"c": (2.0, 3.0, 0.0, 0.0)}]
     state, present = A, []
     for step in range(4 + LONGEST_GAP):
@@ -74,17 +79,22 @@ def test_robots_appear_and_vanish_between_steps():
     assert present[3:] == ["abc"] * LONGEST_GAP + ["ac"], "b was last seen at step 2"
 
 
+@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("goals", ["constant-acceleration", "ioc", "exchanged"])
-def test_a_robot_that_the_scene_does_not_name_is_kept_clear_of(goals):
+def test_a_robot_that_the_scene_does_not_name_is_kept_clear_of(goals, solver):
     """It is taken for one of the largest known; and to stay, where only told goals are known."""
-    agent = agent_of(goals=goals, shared={"a": GOAL} if goals == "exchanged" else None, robots="a")
+    agent = agent_of(
+        goals=goals, shared={"a": GOAL} if goals == "exchanged" else None, robots="a", solver=solver
+    )
+    state = A
     for step in range(18):
-        passing = (-4.0 + STEP_S * step, 0.0, 0.0, 1.0)
-        mind = agent.decide(seen(step, {"a": passing, "stranger": (0.0, 0.2, math.pi, 0.0)})).mind
+        decision = agent.decide(seen(step, {"a": state, "stranger": (0.0, 0.2, math.pi, 0.0)}))
+        mind = decision.mind
         assert mind.failed == ()
         assert set(mind.estimates) == set(mind.prediction) == {"a", "stranger"}
         gaps = np.linalg.norm(np.array(mind.plan) - mind.prediction["stranger"], axis=1)
-        assert gaps[2:].min() > 1.39 - 1e-6
+        assert gaps[2:].min() > 1.39 - ON_THE_WAY_M[solver]
+        state = tuple(euler(state, [decision.command.input])[1])
 
 
 def test_where_goals_are_shared_arrived_robots_are_known_to_stay():
@@ -99,7 +109,7 @@ def test_where_goals_are_shared_arrived_robots_are_known_to_stay():
     pushed = agent.decide(seen(2, {"a": A, "b": (0.0, 0.8, 0.0, 0.0)})).mind
     assert parked_path(pushed, "b")
     gaps = np.linalg.norm(np.array(pushed.plan) - (0.0, 0.8), axis=1)
-    assert gaps.min() > 1.39 - 1e-6
+    assert gaps.min() > 1.39 - ON_THE_WAY_M["realtime"]
 
 
 def test_where_goals_are_not_shared_a_robot_at_its_goal_may_go_on():
@@ -117,9 +127,10 @@ def test_a_robot_sent_elsewhere_than_the_scene_says_still_decides_at_the_scenes_
     assert decision.command.input == pytest.approx((0.0, 0.0), abs=1e-3)
 
 
-def test_a_robot_alone_reaches_its_goal_and_commands_only_what_it_can_reach():
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_robot_alone_reaches_its_goal_and_commands_only_what_it_can_reach(solver):
     """Step after step from its own poses: the plan's promises add up to an arrival."""
-    agent, state, previous = agent_of(), (1.0, -0.5, 0.3, 0.0), (0.0, 0.0)
+    agent, state, previous = agent_of(solver=solver), (1.0, -0.5, 0.3, 0.0), (0.0, 0.0)
     for step in range(80):
         decision = agent.decide(seen(step, {"a": state}))
         if decision.mind.arrived:

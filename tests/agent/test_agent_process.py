@@ -72,15 +72,16 @@ class World:
             with query:
                 query.reply(KEYS.scene, encode(PublicScene(epoch=EPOCH, scene=scene_of("a"))))
 
-        def keep(kind):
-            return lambda sample: self.said.put((kind, decode(kind, sample.payload.to_bytes()).step))
+        def keep(sample):
+            kind = {"mind": Mind, "command": Command}.get(KEYS.kind_of(str(sample.key_expr)))
+            if kind is not None:
+                self.said.put((kind, decode(kind, sample.payload.to_bytes()).step))
 
         monkeypatch.setattr("agent.process.Inbox", Watched)
         self._poses = session.declare_publisher(KEYS.pose("a"))
         self._declared = (
             session.declare_queryable(KEYS.scene, answer),
-            session.declare_subscriber(KEYS.mind("a"), keep(Mind)),
-            session.declare_subscriber(KEYS.command("a"), keep(Command)),
+            session.declare_subscriber(KEYS.everything, keep),  # one for all, which keeps their order
             session.liveliness().declare_subscriber(KEYS.alive("a"), lambda _: self.present.set()),
         )
 

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from agent.vehicle import recovered_inputs, rollout, sensitivities, symbolic_step
+from agent.solver.reference import symbolic_step
+from agent.vehicle import recovered_inputs, rollout, sensitivities
 
 numbers = st.floats(-5.0, 5.0, allow_subnormal=False)
 states = arrays(float, 4, elements=numbers)

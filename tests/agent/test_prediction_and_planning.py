@@ -1,21 +1,23 @@
-"""Prediction (eq. 7) and planning (eq. 1) around a solver that is watched, and with the reference solver."""
+"""Prediction (eq. 7) and planning (eq. 1) around a solver that is watched, and with both solvers."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from agent_helpers import SAFETY_M, STEP_S, euler, remembered, scene_of
+from agent_helpers import NEVER, SAFETY_M, SOLVERS, STEP_S, euler, remembered, scene_of
 
 from agent.memory import Memory
 from agent.planning import Planner, plan_of
 from agent.prediction import Predictor
 from agent.problems import WarmStarts, joint_problem
-from agent.solver.problem import JointProblem, Solution
-from agent.solver.reference import ReferenceSolver
-from agent.solver.starts import cold_start
+from agent.solver.problem import JointProblem, JointSolver, Solution, Start
+from agent.solver.starts import cold_starts
 from protocol.scene import Area, PublicRobot, Scene, Weights
 from protocol.vehicle import STANDSTILL, Input, Limits
 
+TOLERANCE_M = 1e-5
+"""Of distances where a solver has converged, as from a cold start."""
 STATES = {
     "a": (-4.0, 0.0, 0.0, 1.0),
     "b": (4.0, 0.2, math.pi, 1.0),
@@ -29,17 +31,31 @@ GOALS = {
 
 
 class Watched:
-    """Solves as the reference does, and keeps what it was asked."""
+    """Solves as a real solver does, and keeps what it was asked and what it answered."""
 
-    def __init__(self) -> None:
-        self._solver = ReferenceSolver()
-        self.asked: list[tuple[JointProblem, np.ndarray]] = []
+    def __init__(self, name: str = "realtime") -> None:
+        self._solver = SOLVERS[name]
+        self.asked: list[tuple[JointProblem, Start]] = []
+        self.answered: list[Solution] = []
         self.solved = True
 
-    def solve(self, problem: JointProblem, guess: np.ndarray) -> Solution:
-        self.asked.append((problem, guess))
-        solution = self._solver.solve(problem, guess)
-        return Solution(**(vars(solution) | {"solved": solution.solved and self.solved}))
+    def solve(self, problem: JointProblem, start: Start) -> Solution:
+        solution = self._solver.solve(problem, start)
+        self.asked.append((problem, start))
+        self.answered.append(replace(solution, solved=solution.solved and self.solved))
+        return self.answered[-1]
+
+
+@pytest.fixture(params=SOLVERS)
+def solver(request: pytest.FixtureRequest) -> JointSolver:
+    return SOLVERS[request.param]
+
+
+def assert_same_starts(found: list[Start], expected: list[Start]) -> None:
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one.inputs, other.inputs)
+        np.testing.assert_array_equal(one.forces, other.forces)
+        assert one.warm == other.warm
 
 
 def memory_of(robots: str, steps: int = 2) -> Memory:
@@ -88,96 +104,121 @@ def test_the_joint_problem_holds_what_the_scene_and_the_memory_say():
     assert (problem.steps, problem.step_s) == (12, 0.1)
 
 
-def test_everybody_is_predicted_jointly_and_keeps_the_distances():
-    prediction = Predictor(scene_of("abc"), ReferenceSolver()).predict(memory_of("abc"), GOALS, ())
+def test_everybody_is_predicted_jointly_and_keeps_the_distances(solver):
+    prediction = Predictor(scene_of("abc"), solver, NEVER).predict(memory_of("abc"), GOALS, ())
     assert prediction.solved
-    assert list(prediction.paths) == list(prediction.inputs) == list(prediction.states) == ["a", "b", "c"]
+    for each in (prediction.paths, prediction.inputs, prediction.forces, prediction.states):
+        assert list(each) == ["a", "b", "c"]
     for robot in "abc":
         driven = euler(STATES[robot], prediction.inputs[robot])
         np.testing.assert_allclose(prediction.states[robot], driven, atol=1e-9)
         np.testing.assert_array_equal(prediction.paths[robot], prediction.states[robot][:, :2])
     for one, other in ("ab", "bc", "ca"):
         gaps = np.linalg.norm(prediction.paths[one] - prediction.paths[other], axis=1)
-        assert gaps.min() > SAFETY_M - 1e-6
+        assert gaps.min() > SAFETY_M - TOLERANCE_M
 
 
 def test_parked_robots_stay_and_are_avoided():
     memory = remembered({"a": np.array([STATES["a"]]), "b": np.array([(0.0, 0.1, 0.3, 0.02)])})
     solver = Watched()
-    prediction = Predictor(scene_of("ab"), solver).predict(memory, {"a": GOALS["a"]}, {"b"})
+    prediction = Predictor(scene_of("ab"), solver, NEVER).predict(memory, {"a": GOALS["a"]}, {"b"})
     np.testing.assert_array_equal(prediction.paths["b"], np.tile([0.0, 0.1], (31, 1)))
     assert list(prediction.inputs) == list(prediction.states) == ["a"]
     assert solver.asked[0][0].states.shape == (1, 4)
     gaps = np.linalg.norm(prediction.paths["a"] - prediction.paths["b"], axis=1)
-    assert gaps.min() == pytest.approx(SAFETY_M, abs=1e-6)
+    assert gaps.min() == pytest.approx(SAFETY_M, abs=TOLERANCE_M)
 
 
 def test_the_first_prediction_starts_cold_and_each_further_one_from_the_last_a_step_on():
     solver, memory = Watched(), memory_of("ab")
-    predictor = Predictor(scene_of("ab"), solver)
+    predictor = Predictor(scene_of("ab"), solver, NEVER)
     first = predictor.predict(memory, GOALS, ())
     advance(memory, first.inputs)
     predictor.predict(memory, GOALS, ())
-    (problem, cold), (_, warm) = solver.asked
-    np.testing.assert_array_equal(cold, cold_start(problem))
+    *tried, (_, warm) = solver.asked
+    assert_same_starts([start for _, start in tried], cold_starts(tried[0][0]))
+    assert warm.warm
     for row, robot in enumerate("ab"):
-        np.testing.assert_array_equal(warm[row], [*first.inputs[robot][1:], (0.0, 0.0)])
+        np.testing.assert_array_equal(warm.inputs[row], [*first.inputs[robot][1:], (0.0, 0.0)])
+        np.testing.assert_array_equal(warm.forces[row], [*first.forces[robot][1:], (0.0, 0.0)])
+
+
+def test_the_first_prediction_is_the_best_of_the_cold_starts():
+    class OnlyOnce(Watched):
+        def solve(self, problem: JointProblem, start: Start) -> Solution:
+            self.solved = len(self.asked) == 2
+            return super().solve(problem, start)
+
+    solver = OnlyOnce()
+    prediction = Predictor(scene_of("abc"), solver, NEVER).predict(memory_of("abc"), GOALS, ())
+    assert prediction.solved
+    np.testing.assert_array_equal(list(prediction.inputs.values()), solver.answered[2].inputs)
+    assert not np.array_equal(solver.answered[0].inputs, solver.answered[2].inputs)
 
 
 def test_after_a_failed_prediction_the_next_one_starts_cold():
     solver, memory = Watched(), memory_of("ab")
-    predictor = Predictor(scene_of("ab"), solver)
+    predictor = Predictor(scene_of("ab"), solver, NEVER)
     predictor.predict(memory, GOALS, ())
     solver.solved = False
     failed = predictor.predict(memory, GOALS, ())
     assert not failed.solved
     solver.solved = True
+    solver.asked.clear()
     predictor.predict(memory, GOALS, ())
-    problem, start = solver.asked[-1]
-    np.testing.assert_array_equal(start, cold_start(problem))
+    problem = solver.asked[0][0]
+    assert_same_starts([start for _, start in solver.asked], cold_starts(problem))
 
 
 def test_robots_that_appear_start_cold_and_those_that_stay_start_warm():
-    problem = joint_problem(scene_of("abc"), memory_of("abc"), GOALS, {}, dict.fromkeys("abc", STANDSTILL))
+    memory = memory_of("abc")
+    problem = joint_problem(scene_of("abc"), memory, GOALS, {}, dict.fromkeys("abc", STANDSTILL))
+    solution = SOLVERS["realtime"].solve(problem, cold_starts(problem)[0])
     starts = WarmStarts()
-    known = np.arange(120.0).reshape(2, 30, 2)
-    starts.keep(["a", "c"], known)
-    start = starts.start(problem, ["a", "b", "c"])
-    np.testing.assert_array_equal(start[0, :-1], known[0, 1:])
-    np.testing.assert_array_equal(start[1], cold_start(problem)[1])
-    np.testing.assert_array_equal(start[2, :-1], known[1, 1:])
+    starts.keep(["a", "c", "gone"], solution)
+    colds = cold_starts(problem)
+    found = starts.starts(problem, ["a", "b", "c"])
+    for start, unknown in zip(found, colds, strict=True):
+        for row, kept in ((0, 0), (2, 1)):
+            np.testing.assert_array_equal(start.inputs[row, :-1], solution.inputs[kept, 1:])
+            np.testing.assert_array_equal(start.forces[row, :-1], solution.forces[kept, 1:])
+        np.testing.assert_array_equal(start.inputs[1], unknown.inputs[1])
+        assert not start.forces[1].any()
+        assert not start.warm
     starts.forget()
-    np.testing.assert_array_equal(starts.start(problem, ["a", "b", "c"]), cold_start(problem))
+    assert_same_starts(starts.starts(problem, ["a", "b", "c"]), colds)
 
 
 def test_a_plan_leads_to_the_goal_it_was_given_among_the_predicted_paths():
     """The others are predicted with the estimated goals; the ego turns off to its true one."""
-    scene, memory, solver = scene_of("abc"), memory_of("abc"), Watched()
-    prediction = Predictor(scene, ReferenceSolver()).predict(memory, GOALS, ())
+    scene, memory, solver = scene_of("abc"), memory_of("abc"), Watched("reference")
+    prediction = Predictor(scene, SOLVERS["realtime"], NEVER).predict(memory, GOALS, ())
     true_goal = np.array([0.0, 3.5, 1.0, 0.0])
     plan = Planner(scene, "a", solver).plan(memory, true_goal, STANDSTILL, prediction)
     problem, start = solver.asked[0]
     assert plan.solved
     np.testing.assert_array_equal(problem.goals, [true_goal])
     np.testing.assert_array_equal(problem.obstacles, [prediction.paths["b"], prediction.paths["c"]])
-    np.testing.assert_array_equal(start, prediction.inputs["a"][None])
+    assert start.warm
+    np.testing.assert_array_equal(start.inputs, prediction.inputs["a"][None])
+    np.testing.assert_array_equal(start.forces, prediction.forces["a"][None])
     estimated, true = (np.linalg.norm(plan.states[-1, :2] - goal[:2]) for goal in (GOALS["a"], true_goal))
     assert true < estimated
     for robot in "bc":
         gaps = np.linalg.norm(plan.states[:, :2] - prediction.paths[robot], axis=1)
-        assert gaps[2:].min() > SAFETY_M - 1e-6
+        assert gaps[2:].min() > SAFETY_M - TOLERANCE_M
 
 
-def test_planning_for_the_estimated_goal_repeats_the_self_prediction():
+def test_planning_for_the_estimated_goal_repeats_the_self_prediction(solver):
     scene, memory = scene_of("abc"), memory_of("abc")
-    prediction = Predictor(scene, ReferenceSolver()).predict(memory, GOALS, ())
-    planner = Planner(scene, "b", ReferenceSolver())
+    prediction = Predictor(scene, solver, NEVER).predict(memory, GOALS, ())
+    planner = Planner(scene, "b", solver)
     plan = planner.plan(memory, GOALS["b"], memory.previous_input("b"), prediction)
     np.testing.assert_allclose(plan.states[:, :2], prediction.paths["b"], atol=0.01)
 
 
 def test_with_exchanged_goals_the_prediction_is_the_plan():
-    prediction = Predictor(scene_of("ab"), ReferenceSolver()).predict(memory_of("ab"), GOALS, ())
+    prediction = Predictor(scene_of("ab"), SOLVERS["realtime"], NEVER).predict(memory_of("ab"), GOALS, ())
     plan = plan_of(prediction, "b")
     assert plan.solved
     np.testing.assert_array_equal(plan.inputs, prediction.inputs["b"])

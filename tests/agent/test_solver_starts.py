@@ -3,12 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from agent_helpers import STEP_S, problem_of
+from agent_helpers import STEP_S, cold, problem_of
 from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.solver.problem import JointProblem
-from agent.solver.starts import SIDESTEP_RADPS, braking_inputs, cold_start, shifted, within_limits
+from agent.solver.starts import SIDESTEP_RADPS, braking_inputs, cold_starts, shifted, within_limits
 from protocol.vehicle import Limits
 
 ROUNDING = 1e-9
@@ -47,13 +47,31 @@ def assert_inputs_within_limits(problem: JointProblem, inputs: np.ndarray) -> No
 
 @given(driving())
 def test_a_cold_start_is_within_the_limits_and_leans_to_the_left(problem):
-    inputs = cold_start(problem)
+    inputs = cold(problem).inputs
     assert_inputs_within_limits(problem, inputs)
     turn_rates = [min(SIDESTEP_RADPS, each.turn_rate_radps) for each in problem.limits]
     reachable = [each.turn_acceleration_radps2 * STEP_S * problem.steps for each in problem.limits]
     for robot, (wanted, change) in enumerate(zip(turn_rates, reachable, strict=True)):
         if change >= 2 * problem.limits[robot].turn_rate_radps:
             assert np.isclose(inputs[robot, -1, 0], wanted)
+
+
+@given(driving())
+def test_cold_starts_lean_left_right_alternately_and_not_at_all_and_expect_no_forces(problem):
+    starts = cold_starts(problem)
+    for start in starts:
+        assert_inputs_within_limits(problem, start.inputs)
+        np.testing.assert_array_equal(start.inputs[:, :, 1], braking_inputs(problem)[:, :, 1])
+        assert start.forces.shape == (len(problem.states), problem.steps + 1, 2)
+        assert not start.forces.any()
+        assert not start.warm
+    left, right, alternating, straight = (start.inputs[:, :, 0] for start in starts)
+    assert (right <= straight).all()
+    assert (straight <= left).all()
+    assert (right[:, -1] < left[:, -1]).all()
+    np.testing.assert_array_equal(alternating[::2], left[::2])
+    np.testing.assert_array_equal(alternating[1::2], right[1::2])
+    np.testing.assert_array_equal(straight, braking_inputs(problem)[:, :, 0])
 
 
 @given(driving())

@@ -1,6 +1,7 @@
 """What the bench records of closed loops, judged by other means."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -106,6 +107,18 @@ def test_loops_that_pass_on_the_same_side_are_alike_and_mirrored_ones_are_not():
     assert cost(left) == pytest.approx(cost(right), rel=1e-6)
     assert passed_alike(left, left)
     assert not passed_alike(left, right)
+
+
+def test_loops_are_alike_whatever_the_direction_in_which_their_lines_end(loop):
+    def turning(end_rad):
+        """The second robot circles the first, from along x to this direction."""
+        states = np.zeros((50, 2, 4))
+        angles = np.linspace(0.0, end_rad, 50)
+        states[:, 1, :2] = 2.0 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        return [replace(loop[0], problem=replace(loop[0].problem, states=each)) for each in states]
+
+    assert passed_alike(turning(np.pi - 0.1), turning(np.pi + 0.1))
+    assert not passed_alike(turning(np.pi - 0.1), turning(-np.pi - 0.1))
 
 
 def test_a_loop_begins_where_it_is_told_to(loop):

@@ -10,6 +10,7 @@ from click.testing import Result
 from pydantic import ValidationError
 from typer.testing import CliRunner
 
+from fleet.bench import bus
 from fleet.bench.figures import SECTIONS, Figures, Section
 from fleet.bench.report import Report
 from fleet.bench.settings import SectionName, Settings
@@ -18,6 +19,7 @@ from fleet.bench.targets import judge
 from fleet.bench.watch import Watch
 from fleet.cli import app
 from fleet.crew import ProcessFailedError
+from world.inbox import Inbox
 
 LITTLE = ("--robots", 2, "--crossings", 2, "--steps", 4, "--decisions", 4, "--rounds", 5, "--starts", 1)
 ROW = StartupRow(together=1, starts=1, ready_s=2.0, cpu_s=1.0, resident_mib=100.0)
@@ -128,6 +130,19 @@ def test_real_processes_are_measured(tmp_path: Path):
         assert row.cpu_s > 0.0
         assert row.resident_mib > 20.0  # a Python with numpy
     assert lockstep.agent_resident_mib > 20.0
+
+
+def test_a_round_over_the_bus_ends_with_the_last_command_and_tells_whose_is_lost(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    monkeypatch.setattr(bus, "LOST_S", 0.0)
+    inbox = Inbox(["1", "2", "3"])
+    for robot in ("1", "3"):
+        inbox.store_command(robot, b"")
+    with pytest.raises(ProcessFailedError, match="no answer of robot 2 within"):
+        bus.gather({"1", "2", "3"}, inbox)
+    inbox.store_command("2", b"")
+    bus.gather({"2"}, inbox)
 
 
 @pytest.mark.slow

@@ -54,6 +54,8 @@ def test_the_summary_counts_a_run_exactly(facts: RunFacts, crossing: list[Messag
         "scenario": "8a",
         "goals": "ioc",
         "solver": "reference",
+        "iterations": 2,
+        "budget_ms": None,
         "clock": "lockstep",
         "seed": 3,
         "verdict": "arrived",

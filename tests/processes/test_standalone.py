@@ -35,6 +35,7 @@ def test_robots_come_first_and_serve_one_world_after_the_other(process, endpoint
         robot.tells("waiting for the world")
         assert f"connect={endpoint}" in robot.told
         assert "run=hall" in robot.told
+        robot.tells("ready to decide")
     endings = []
     for name in ("first", "second"):
         world = process(name, "world", "--scenario", scenario, "--listen", endpoint, "--run", "hall")
