@@ -86,7 +86,7 @@ def test_a_robot_that_the_scene_does_not_name_is_kept_clear_of(goals, solver):
     agent = agent_of(
         goals=goals, shared={"a": GOAL} if goals == "exchanged" else None, robots="a", solver=solver
     )
-    state = A
+    state = (-8.0, 0.0, 0.0, 0.0)
     for step in range(18):
         decision = agent.decide(seen(step, {"a": state, "stranger": (0.0, 0.2, math.pi, 0.0)}))
         mind = decision.mind

@@ -2,8 +2,8 @@
 
 First, no small change of the inputs that the limits allow makes it better, in cost and exact L1 penalty of
 the distance rows together; each solver has its own form of the rows and its own penalty. Second, since random
-changes hardly ever run along a distance row: the limits and distances that are met balance the gradient of the
-cost (Karush, Kuhn, Tucker), gradients being differences.
+changes hardly ever run along a distance row: the limits and distances that are met balance the gradient of
+the cost (Karush, Kuhn, Tucker), gradients being differences.
 """
 
 import math
@@ -179,7 +179,7 @@ def test_limits_and_distances_balance_the_gradient_of_the_cost(judged, name):
     assert imbalance(judged, problem, solution.inputs) < 1e-5
 
 
-@pytest.mark.parametrize("name", problems())
+@pytest.mark.parametrize("name", ["alone", "head on", "among obstacles"])
 def test_the_balance_notices_goals_a_few_centimetres_away(judged, name):
     problem = problems()[name]
     other = replace(problem, goals=problem.goals + NEARBY)

@@ -17,7 +17,7 @@ TOLERANCE = 1e-5
 """Of the quadratic programs' optimality conditions."""
 CONVERGED = 3e-5
 """A step that promises to decrease the merit by no more than this, relative to it, is the last."""
-COLD_ITERATIONS = 60
+COLD_ITERATIONS = 30
 """Most iterations from a cold start."""
 
 
