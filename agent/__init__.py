@@ -7,5 +7,3 @@ import os
 
 # One thread a process: robots share few cores, and the order of a sum must not depend on how many there are.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-# More costs a quarter more time to compile and makes no kernel faster.
-os.environ.setdefault("NUMBA_OPT", "1")

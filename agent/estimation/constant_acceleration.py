@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from agent.compiled import kernel
 from agent.estimation.interface import goal_inside
 from agent.memory import Memory
-from agent.vehicle import Array, rollout
+from agent.vehicle import Array
 from protocol.scene import Scene
 
 
@@ -25,20 +26,37 @@ class ConstantAcceleration:
 
     def estimate_one(self, memory: Memory, robot: str) -> Array:
         """The goal estimate of one robot, shape (4,), inside the drivable area."""
-        inputs = self._speeding_up(memory, robot)
-        end = rollout(memory.state(robot), inputs, self._scene.step_s)[-1]
+        limits = self._scene.robot(robot).limits
+        end = _speeding_up(
+            memory.state(robot),
+            memory.previous_input(robot).acceleration_mps2,
+            limits.speed_mps,
+            limits.acceleration_mps2,
+            limits.jerk_mps3,
+            self._scene.horizons.prediction_steps,
+            self._scene.step_s,
+        )
         return goal_inside(self._scene.area, end)
 
-    def _speeding_up(self, memory: Memory, robot: str) -> Array:
-        """Inputs of shape (K, 2): ever faster in the direction of motion, straight on, up to the limits."""
-        limits, step_s = self._scene.robot(robot).limits, self._scene.step_s
-        speed, acceleration = memory.state(robot)[3], memory.previous_input(robot).acceleration_mps2
-        direction = -1.0 if speed < 0 else 1.0
-        inputs = np.zeros((self._scene.horizons.prediction_steps, 2))
-        for control in inputs:
-            faster = direction * acceleration + limits.jerk_mps3 * step_s
-            room = (limits.speed_mps - direction * speed) / step_s
-            acceleration = direction * min(faster, limits.acceleration_mps2, room)
-            speed += step_s * acceleration
-            control[1] = acceleration
-        return inputs
+
+@kernel
+def _speeding_up(
+    state: Array,
+    acceleration: float,
+    speed_limit: float,
+    acceleration_limit: float,
+    jerk_limit: float,
+    steps: int,
+    step_s: float,
+) -> Array:
+    """The pose (3,) after driving straight on, ever faster in the direction of motion up to the limits."""
+    x, y, heading, speed = state
+    direction = -1.0 if speed < 0.0 else 1.0
+    way = 0.0
+    for _ in range(steps):
+        way += step_s * speed
+        faster = direction * acceleration + jerk_limit * step_s
+        room = (speed_limit - direction * speed) / step_s
+        acceleration = direction * min(faster, acceleration_limit, room)
+        speed += step_s * acceleration
+    return np.array([x + way * np.cos(heading), y + way * np.sin(heading), heading])

@@ -96,7 +96,7 @@ def test_a_matrix_that_is_not_positive_definite_is_refused(seed, steps, stage, h
 @pytest.mark.parametrize("part", ["arms", "blocks", "bands", "weights"])
 def test_a_matrix_that_holds_no_number_is_refused(part):
     case = Case(0, 6)
-    getattr(case, part)[1] = np.nan
+    getattr(case, part)[-1] = np.nan
     assert not case.factorise()
 
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from agent_helpers import STEP_S, remembered, scene_of, square
+from agent_helpers import STEP_S, euler, remembered, scene_of, square
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -86,6 +86,20 @@ def test_a_reversing_robot_is_expected_to_reverse_faster():
     forward, backward = (estimate(after(sign * 1.0, sign * 0.5), area=LARGE) for sign in (1, -1))
     assert forward[0] == pytest.approx(ramp(1.0, 0.5))
     assert backward == pytest.approx([-forward[0], 0.0, 0.0, 0.0])
+
+
+@given(st.floats(-6.0, 6.0), st.floats(-4.0, 4.0), st.integers(2, 40))
+def test_speeding_up_takes_the_most_that_jerk_acceleration_and_speed_limit_leave(speed, acceleration, steps):
+    """Step by step through the model, also from beyond the limits."""
+    horizons = {"prediction_steps": steps, "estimation_steps": 3}
+    goal = estimate(after(speed, acceleration), area=LARGE, horizons=horizons)
+    direction = -1.0 if speed < 0.0 else 1.0
+    inputs, ahead, forward = [], direction * speed, direction * acceleration
+    for _ in range(steps):
+        forward = min(forward + 0.7, 3.0, (4.5 - ahead) / STEP_S)
+        ahead += STEP_S * forward
+        inputs.append((0.0, direction * forward))
+    assert goal[0] == pytest.approx(euler((0.0, 0.0, 0.0, speed), inputs)[-1, 0], abs=1e-9)
 
 
 def test_a_turning_robot_is_expected_to_go_straight_on():

@@ -36,7 +36,7 @@ TIGHT_M = 0.02
 """Rows whose linearised gap falls below this during the iterations begin to take part."""
 TO_BOUNDARY = 0.995
 """Part of the way to the nearest bound that a step may go."""
-FIRST_MEAN = 0.1
+FIRST_MEAN = 3.0
 """Product of each slack and its multiplier at the beginning."""
 LEAST_SLACK = 0.2
 """Of a limit at the beginning, relative to the size of its interval, where no multiplier is expected."""
