@@ -44,30 +44,3 @@ def recovered_inputs(states: Array, step_s: float) -> Array:
         Shape (..., K, 2).
     """
     return np.diff(states[..., 2:], axis=-2) / step_s
-
-
-def sensitivities(states: Array, step_s: float) -> Array:
-    """S_k = ∂x_k/∂U along a trajectory, in closed form.
-
-    A change of ω_m turns everything after p_{m+1} around that point; a change of a_m stretches it.
-
-    Args:
-        states: shape (K + 1, 4).
-        step_s: Δt in s.
-
-    Returns:
-        Shape (K + 1, 4, K, 2): stage, state component, stage of the input, input component.
-    """
-    steps = len(states) - 1
-    result = np.zeros((steps + 1, 4, steps, 2))
-    positions, headings = states[:, :2], states[:-1, 2]
-    directions = np.stack([np.cos(headings), np.sin(headings)], axis=-1)
-    travelled = np.concatenate([np.zeros((1, 2)), np.cumsum(directions, axis=0)])
-    for m in range(steps):
-        arm = positions[m + 1 :] - positions[m + 1]
-        result[m + 1 :, 0, m, 0] = -step_s * arm[:, 1]
-        result[m + 1 :, 1, m, 0] = step_s * arm[:, 0]
-        result[m + 1 :, :2, m, 1] = step_s**2 * (travelled[m + 1 :] - travelled[m + 1])
-        result[m + 1 :, 2, m, 0] = step_s
-        result[m + 1 :, 3, m, 1] = step_s
-    return result

@@ -137,6 +137,7 @@ def factorise(drive: Drive, costs: StageCosts) -> Recursion:
         np.empty((3, COORDINATES - 1)),
         np.empty(3),
     )
+    # Symmetric, but for the goal's rows, of which nothing beyond the goal itself is ever used.
     matrix, vector = np.zeros((COORDINATES, COORDINATES)), np.empty(COORDINATES)
     for j in range(3):
         matrix[GOAL + j, GOAL + j] = -2.0 * drive.nearness[j]
@@ -144,7 +145,7 @@ def factorise(drive: Drive, costs: StageCosts) -> Recursion:
         matrix[j, j] = 0.5
     for k in range(stages - 1, -1, -1):
         motion = drive.motion[k]
-        for i in range(INPUT):
+        for i in range(P_X, INPUT):
             pull_back(motion, drive.step_s, matrix[i])
         for j in range(COORDINATES):
             pull_back(motion, drive.step_s, matrix[:, j])
@@ -162,7 +163,6 @@ def _add_stage_cost(drive: Drive, costs: StageCosts, k: int, matrix: Array, vect
     """Add E_k and, from −G_L, the coupling 2Q of state and goal."""
     for j in range(3):
         matrix[P_X + j, GOAL + j] += 2.0 * drive.weights[j]
-        matrix[GOAL + j, P_X + j] += 2.0 * drive.weights[j]
     squares = costs.squares[k]
     matrix[P_X, P_X] += squares[0]
     matrix[P_Y, P_Y] += squares[1]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from agent.solver.reference import symbolic_step
-from agent.vehicle import recovered_inputs, rollout, sensitivities
+from agent.vehicle import recovered_inputs, rollout
 
 numbers = st.floats(-5.0, 5.0, allow_subnormal=False)
 states = arrays(float, 4, elements=numbers)
@@ -62,28 +62,3 @@ def test_the_symbolic_step_is_one_step_of_the_rollout(state, control, step_s):
 @given(states, input_sequences, steps_s)
 def test_the_inputs_of_a_rollout_are_recovered_from_its_states(state, inputs, step_s):
     np.testing.assert_allclose(recovered_inputs(rollout(state, inputs, step_s), step_s), inputs, atol=1e-9)
-
-
-@given(states, input_sequences)
-def test_sensitivities_agree_with_central_differences_of_the_rollout(state, inputs):
-    found = sensitivities(rollout(state, inputs, STEP_S), STEP_S)
-    size = 1e-5
-    for stage, component in np.ndindex(inputs.shape):
-        change = np.zeros_like(inputs)
-        change[stage, component] = size
-        above, below = (rollout(state, inputs + sign * change, STEP_S) for sign in (1, -1))
-        np.testing.assert_allclose(found[:, :, stage, component], (above - below) / (2 * size), atol=1e-7)
-
-
-def test_sensitivities_agree_with_the_derivatives_that_casadi_finds():
-    steps = 15
-    random = np.random.default_rng(2)
-    state, inputs = np.array([-4.0, 1.0, 2.5, 1.2]), random.normal(size=(steps, 2))
-    controls = ca.SX.sym("U", 2 * steps)
-    stages = [ca.SX(ca.DM(state))]
-    for k in range(steps):
-        stages.append(symbolic_step(stages[-1], controls[2 * k : 2 * k + 2], STEP_S))
-    jacobian = ca.Function("S", [controls], [ca.jacobian(ca.vertcat(*stages), controls)])
-    expected = np.asarray(ca.DM(jacobian(inputs.ravel())).full()).reshape(steps + 1, 4, steps, 2)
-    found = sensitivities(rollout(state, inputs, STEP_S), STEP_S)
-    np.testing.assert_allclose(found, expected, atol=1e-12)

@@ -7,7 +7,8 @@ import sys
 import numpy as np
 import pytest
 from agent_helpers import LOOSE, STEP_S, WEIGHTS, remembered, scene_of, square
-from inverse_drives import STEPS, crossing, optimal_drives
+from inverse_drives import STEPS, crossing, optimal_drives, passing
+from inverse_oracle import dense_problem, solve_dense
 
 from agent.estimation import inverse_optimal_control
 from agent.estimation.constant_acceleration import ConstantAcceleration
@@ -62,6 +63,17 @@ def test_another_robot_far_away_does_not_change_a_recovered_goal():
         "b": optimal_window((200.0, 0.0, 1.0, 2.0), (205.0, 5.0, 1.0, 0.0)),
     }
     assert InverseOptimalControl(scene).estimate(remembered(tracks))["a"] == pytest.approx(goal, abs=0.01)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_estimate_is_the_goal_that_a_public_solver_finds_from_the_present_pose(seed):
+    scene, tracks = scene_of("abcd"), passing(seed)
+    estimates = InverseOptimalControl(scene).estimate(remembered(tracks))
+    for robot in "ab":
+        offset = solve_dense(dense_problem(scene, tracks, robot), "piqp").goal_offset
+        x, y, heading = tracks[robot][-1, :3] + offset
+        expected = [np.clip(x, -10.0, 10.0), np.clip(y, -10.0, 10.0), heading, 0.0]
+        assert estimates[robot] == pytest.approx(expected, abs=1e-5)
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.8, -2.4])

@@ -16,8 +16,8 @@ crossings, so exact."""
 TOLERANCE = 1e-5
 """Of the quadratic programs' optimality conditions."""
 CONVERGED = 5e-4
-"""A step that promises to decrease the merit by no more than this, relative to it, is the last: steps converge so
-fast near the optimum that what remains after it is a hundred times less."""
+"""A step that promises to decrease the merit by no more than this, relative to it, is the last: near the
+optimum what remains after a step is a hundred times less."""
 COLD_ITERATIONS = 30
 """Most iterations from a cold start."""
 
