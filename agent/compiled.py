@@ -34,12 +34,11 @@ _config.OPT = type(_config.OPT)(OPTIMISATION)
 def kernel(function: Function) -> Function:
     """Compile a function at its first call; its compiled form is kept on disk.
 
-    Divisions by zero give infinities and NaN instead of errors, sums may be reordered (so that they use the
-    vector units), and other threads run meanwhile.
+    Divisions by zero give infinities and NaN instead of errors, and other threads run meanwhile. Sums are
+    kept in the order in which they are written: reordered ones differ in their last bits with the addresses
+    of arrays, and robots with the same data must decide the same.
     """
-    compiled = numba.njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract"})(
-        function
-    )
+    compiled = numba.njit(cache=True, error_model="numpy", nogil=True)(function)
     _kernels.append(compiled)
     return cast(Function, compiled)
 

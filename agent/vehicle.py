@@ -1,4 +1,4 @@
-"""The vehicle model of eq. 8 as the robots use it: rollouts, and how states depend on inputs.
+"""The vehicle model of eq. 8 as the robots use it: rollouts, and the inputs that states reveal.
 
 A state is (p_x, p_y, ψ, v), an input is (ω, a); see ``protocol.vehicle`` for units and frames.
 """

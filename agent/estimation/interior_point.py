@@ -69,8 +69,8 @@ class _Iteration(NamedTuple):
     """G_k y, or G_k δy."""
     residuals: Array
     """2λ_k + 2 C_k C_kᵀ λ_k + G_k y − s_k."""
-    ratios: Array
-    """s/λ."""
+    inverses: Array
+    """1 / λ."""
     compliances: Array
     """1 / (2 + s/λ)."""
     couplings: Array
@@ -95,10 +95,12 @@ def solve_inverse(problem: InverseProblem, iterations: int) -> InverseSolution:
     infeasibility = 1.0
     solved = False
     for _ in range(iterations):
-        product = _linearise(problem, it)
+        product = _mean_product(it)
         solved = infeasibility < INFEASIBILITY and product < COMPLEMENTARITY
         if solved or not np.isfinite(product):
             break
+        _weigh(problem, it)
+        _write_residuals(problem, it)
         stage_costs(problem, it.compliances, it.couplings, costs)
         recursion = factorise(drive, costs)
         _write_loads(problem, cost_loads, it)
@@ -130,7 +132,7 @@ def _start(stages: int, each: int) -> _Iteration:
         targets=np.empty(rows),
         slopes=np.empty(rows),
         residuals=np.empty(rows),
-        ratios=np.empty(rows),
+        inverses=np.empty(rows),
         compliances=np.empty(rows),
         couplings=np.empty(stages),
         loads=np.empty((stages, COORDINATES)),
@@ -154,27 +156,51 @@ def _cost_loads(problem: InverseProblem) -> tuple[Array, float]:
 
 
 @kernel
-def _linearise(problem: InverseProblem, it: _Iteration) -> float:
-    """Write what depends on where the iteration stands, with the target λ∘s = 0; returns the mean of λ∘s."""
-    slopes(problem, it.coordinates, it.slopes)
+def _mean_product(it: _Iteration) -> float:
+    """The mean of λ∘s."""
     total = 0.0
     for k in range(len(it.couplings)):
-        values, multipliers, slacks, change = problem.values[k], it.multipliers[k], it.slacks[k], it.slopes[k]
-        ratios, compliances, residuals = it.ratios[k], it.compliances[k], it.residuals[k]
-        targets = it.targets[k]
-        complementarity, inverse = 0.0, 0.5
-        for i in range(len(values)):
-            ratios[i] = slacks[i] / multipliers[i]
-            compliances[i] = 1.0 / (2.0 + ratios[i])
-            inverse += compliances[i] * values[i] ** 2
-            complementarity += multipliers[i] * values[i]
+        multipliers, slacks = it.multipliers[k], it.slacks[k]
+        for i in range(len(slacks)):
             total += multipliers[i] * slacks[i]
-        it.couplings[k] = 1.0 / inverse
+    return total / it.slacks.size
+
+
+@kernel
+def _weigh(problem: InverseProblem, it: _Iteration) -> None:
+    """Write what the inverse of the matrix of δλ is made of (``_respond``)."""
+    for k in range(len(it.couplings)):
+        multipliers, slacks = it.multipliers[k], it.slacks[k]
+        inverses, compliances = it.inverses[k], it.compliances[k]
+        for i in range(len(slacks)):
+            # One division for both: divisions take longer than all else here.
+            denominator = 2.0 * multipliers[i] + slacks[i]
+            inverse = 1.0 / (multipliers[i] * denominator)
+            inverses[i] = denominator * inverse
+            compliances[i] = multipliers[i] * multipliers[i] * inverse
+    for k in range(len(it.couplings)):
+        values, compliances = problem.values[k], it.compliances[k]
+        total = 0.5
+        for i in range(len(values)):
+            total += compliances[i] * values[i] ** 2
+        it.couplings[k] = 1.0 / total
+
+
+@kernel
+def _write_residuals(problem: InverseProblem, it: _Iteration) -> None:
+    """Write the residuals, and λ∘s = 0 as the target."""
+    slopes(problem, it.coordinates, it.slopes)
+    for k in range(len(it.couplings)):
+        values, multipliers, slacks = problem.values[k], it.multipliers[k], it.slacks[k]
+        change, residuals, targets = it.slopes[k], it.residuals[k], it.targets[k]
+        complementarity = 0.0
+        for i in range(len(values)):
+            complementarity += multipliers[i] * values[i]
         for i in range(len(values)):
             slope = 2.0 * (multipliers[i] + complementarity * values[i]) + change[i]
             residuals[i] = slope - slacks[i]
+        for i in range(len(values)):
             targets[i] = -slacks[i]
-    return float(total / it.slacks.size)
 
 
 @kernel
@@ -210,7 +236,7 @@ def _respond(problem: InverseProblem, it: _Iteration) -> None:
     """
     for k in range(len(it.couplings)):
         values, targets, residuals, change = problem.values[k], it.targets[k], it.residuals[k], it.slopes[k]
-        ratios, compliances = it.ratios[k], it.compliances[k]
+        slacks, inverses, compliances = it.slacks[k], it.inverses[k], it.compliances[k]
         multiplier_steps, slack_steps = it.multiplier_steps[k], it.slack_steps[k]
         total = 0.0
         for i in range(len(values)):
@@ -219,7 +245,8 @@ def _respond(problem: InverseProblem, it: _Iteration) -> None:
         for i in range(len(values)):
             force = targets[i] - residuals[i] - change[i] - values[i] * total
             multiplier_steps[i] = compliances[i] * force
-            slack_steps[i] = targets[i] - ratios[i] * multiplier_steps[i]
+        for i in range(len(values)):
+            slack_steps[i] = targets[i] - slacks[i] * inverses[i] * multiplier_steps[i]
 
 
 @kernel
@@ -234,25 +261,29 @@ def _correct(it: _Iteration, product: float) -> None:
             total += (multipliers[i] + step * multiplier_steps[i]) * (slacks[i] + step * slack_steps[i])
     aim = product * (total / it.slacks.size / product) ** 3
     for k in range(len(it.couplings)):
-        multipliers, multiplier_steps = it.multipliers[k], it.multiplier_steps[k]
+        inverses, multiplier_steps = it.inverses[k], it.multiplier_steps[k]
         slack_steps, targets = it.slack_steps[k], it.targets[k]
         for i in range(len(targets)):
-            targets[i] += (aim - multiplier_steps[i] * slack_steps[i]) / multipliers[i]
+            targets[i] += (aim - multiplier_steps[i] * slack_steps[i]) * inverses[i]
 
 
 @kernel
 def _longest_step(it: _Iteration) -> float:
-    """The step at which the first λ or s becomes zero."""
-    inverse = 1e-300
+    """The step at which the first λ or s becomes zero; infinite if none does.
+
+    Without branches: towards the end most of them approach zero at nearly the same rate.
+    """
+    fastest = np.zeros(it.slacks.shape[1])
     for k in range(len(it.couplings)):
-        multipliers, multiplier_steps = it.multipliers[k], it.multiplier_steps[k]
+        inverses, multiplier_steps = it.inverses[k], it.multiplier_steps[k]
         slacks, slack_steps = it.slacks[k], it.slack_steps[k]
-        for i in range(len(slacks)):
-            if -multiplier_steps[i] > inverse * multipliers[i]:
-                inverse = -multiplier_steps[i] / multipliers[i]
-            if -slack_steps[i] > inverse * slacks[i]:
-                inverse = -slack_steps[i] / slacks[i]
-    return 1.0 / inverse
+        for i in range(len(fastest)):
+            rate = -multiplier_steps[i] * inverses[i]
+            fastest[i] = rate if rate > fastest[i] else fastest[i]
+        for i in range(len(fastest)):
+            rate = -slack_steps[i] / slacks[i]
+            fastest[i] = rate if rate > fastest[i] else fastest[i]
+    return float(1.0 / fastest.max())
 
 
 @kernel

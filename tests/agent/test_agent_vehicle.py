@@ -1,4 +1,4 @@
-"""The vehicle model against a plain loop, closed forms, finite differences and CasADi's derivatives."""
+"""The vehicle model against a plain loop, closed forms and the symbolic step."""
 
 import math
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from agent_helpers import remembered, scene_of
+from agent_helpers import LOOSE, remembered, scene_of, square
 from inverse_drives import STEPS, crossing, drive, passing
 from inverse_oracle import DenseProblem, dense_problem, solve_dense, written_out
 
@@ -175,5 +175,6 @@ def test_robots_in_the_same_place_are_no_obstacle_to_a_solution():
 
 def test_the_iterations_allowed_are_at_least_twice_those_ever_needed():
     for tracks in [*PASSING, *CROSSING, *NOISY]:
-        for problem in all_problems(tracks).values():
+        wide = InverseProblems(scene_of(tracks, limits=LOOSE, area=square(1000.0))).of(remembered(tracks))
+        for problem in (*all_problems(tracks).values(), *wide.values()):
             assert solve_inverse(problem, ITERATIONS // 2).solved

@@ -11,6 +11,7 @@ from realtime_helpers import closed_loop, random_crossing
 
 from agent.deadline import Deadline
 from agent.solver.problem import JointProblem, Solution, Start
+from agent.solver.realtime.profiles import inputs_of, states_of
 from agent.solver.realtime.sequential import improve
 from agent.solver.realtime.solver import COLD_ITERATIONS, RealTimeSolver
 from agent.solver.starts import clip_stages
@@ -164,7 +165,12 @@ def test_the_same_problem_has_the_same_solution_bit_for_bit_also_after_others():
     assert_same(solver.solve(crossing(), cold(crossing())), first)
 
 
-def test_the_layout_of_arrays_in_memory_changes_nothing():
+def compiled() -> list[list[object]]:
+    """What the kernels that the solver calls were compiled for."""
+    return [list(kernel.signatures) for kernel in (improve, states_of, inputs_of, clip_stages)]
+
+
+def test_the_layout_of_arrays_in_memory_changes_nothing_and_compiles_nothing():
     def strided(values: np.ndarray) -> np.ndarray:
         room = np.full([2 * length for length in values.shape], np.nan)
         view = room[(slice(None, None, 2),) * values.ndim]
@@ -172,18 +178,18 @@ def test_the_layout_of_arrays_in_memory_changes_nothing():
         return view
 
     problem = crossing()
-    expected = solve(problem)
+    expected, before = solve(problem), compiled()
     for layout in (np.asfortranarray, strided):
         other = replace(problem, **{field: layout(getattr(problem, field)) for field in FIELDS})
         start = cold(problem)
         start = replace(start, inputs=layout(start.inputs), forces=layout(start.forces))
         assert_same(solve(other, start), expected)
+    assert compiled() == before
 
 
 def test_other_numbers_of_robots_obstacles_and_steps_compile_nothing():
     solve(crossing())
-    kernels = (improve, clip_stages)
-    before = [list(kernel.signatures) for kernel in kernels]
+    before = compiled()
     for robots, obstacles, steps in ((1, 0, 30), (2, 3, 1), (7, 1, 2), (3, 0, 45)):
         problem = random_crossing(robots, 1)
         problem = replace(
@@ -193,5 +199,5 @@ def test_other_numbers_of_robots_obstacles_and_steps_compile_nothing():
             steps=steps,
         )
         assert solve(problem).solved
-    assert [list(kernel.signatures) for kernel in kernels] == before
-    assert [len(signatures) for signatures in before] == [1, 1]
+    assert compiled() == before
+    assert {len(signatures) for signatures in before} == {1}

@@ -212,7 +212,8 @@ def _let_in(
         displacements(program.arms[robot], iterate.change[robot], shifts[robot])
     gaps_after(program.rows, shifts, gaps)
     for row in range(len(taken)):
-        if gaps[row] < threshold and not taken[row] and count < len(iterate.force):
+        # What is not a number takes part too, and ends the iterations.
+        if not (gaps[row] >= threshold or taken[row]) and count < len(iterate.force):
             taken[row] = True
             iterate.taking_part[count] = row
             iterate.row_slack[count] = max(gaps[row], LEAST_GAP_M)

@@ -15,9 +15,11 @@ PENALTY_PER_M = 3e4
 crossings, so exact."""
 TOLERANCE = 1e-5
 """Of the quadratic programs' optimality conditions."""
-CONVERGED = 5e-4
-"""A step that promises to decrease the merit by no more than this, relative to it, is the last: near the
-optimum what remains after a step is a hundred times less."""
+LITTLE = 5e-4
+"""From a warm start, a step that promises to decrease the merit by no more than this, relative to it, is the
+last: near the optimum, what remains after a step is a hundred times less."""
+NOTHING = 1e-6
+"""The same from a cold start."""
 COLD_ITERATIONS = 30
 """Most iterations from a cold start."""
 
@@ -41,14 +43,14 @@ class RealTimeSolver:
         states = states_of(_compact(problem.states), first, problem.step_s)
         forces = _compact(start.forces)
         pressures = np.zeros((2, len(states), ROWS_PER_STEP * problem.steps))
-        most = self._iterations if start.warm else COLD_ITERATIONS
+        most, least = (self._iterations, LITTLE) if start.warm else (COLD_ITERATIONS, NOTHING)
         solved, iterations = bool(np.isfinite(states).all()), 0
         while solved and iterations < most and not (iterations and self._deadline.passed):
             states, forces, pressures, promised, solved = improve(
                 data, states, forces, pressures, PENALTY_PER_M, TOLERANCE
             )
             iterations += 1
-            if promised <= CONVERGED:
+            if promised <= least:
                 break
         return _solution(problem, states, forces, solved, iterations)
 
