@@ -15,10 +15,10 @@ PENALTY_PER_M = 3e4
 crossings, so exact."""
 TOLERANCE = 1e-5
 """Of the quadratic programs' optimality conditions."""
-LITTLE = 5e-4
+CONVERGED = 5e-4
 """From a warm start, a step that promises to decrease the merit by no more than this, relative to it, is the
 last: near the optimum, what remains after a step is a hundred times less."""
-NOTHING = 1e-6
+CONVERGED_COLD = 1e-6
 """The same from a cold start."""
 COLD_ITERATIONS = 30
 """Most iterations from a cold start."""
@@ -43,7 +43,7 @@ class RealTimeSolver:
         states = states_of(_compact(problem.states), first, problem.step_s)
         forces = _compact(start.forces)
         pressures = np.zeros((2, len(states), ROWS_PER_STEP * problem.steps))
-        most, least = (self._iterations, LITTLE) if start.warm else (COLD_ITERATIONS, NOTHING)
+        most, least = (self._iterations, CONVERGED) if start.warm else (COLD_ITERATIONS, CONVERGED_COLD)
         solved, iterations = bool(np.isfinite(states).all()), 0
         while solved and iterations < most and not (iterations and self._deadline.passed):
             states, forces, pressures, promised, solved = improve(
