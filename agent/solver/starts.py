@@ -68,6 +68,7 @@ def clip_stages(inputs: Array, previous: Array, bounds: Array, rates: Array) -> 
             for k in range(inputs.shape[1]):
                 low = max(held - rates[robot, c], -bounds[robot, c])
                 high = min(held + rates[robot, c], bounds[robot, c])
-                held = min(max(inputs[robot, k, c], low), high)
+                wanted = inputs[robot, k, c]
+                held = min(wanted, high) if wanted >= low else low  # what is no number becomes the lowest
                 result[robot, k, c] = held
     return result

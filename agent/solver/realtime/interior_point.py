@@ -42,7 +42,7 @@ LEAST_SLACK = 0.2
 """Of a limit at the beginning, relative to the size of its interval, where no multiplier is expected."""
 LEAST_GAP_M = 0.1
 """Slack of a row at its beginning."""
-MOST_ITERATIONS = 60
+MOST_ITERATIONS = 200
 MOST_ROWS_A_ROBOT = 32
 """There is room for this many rows a robot (and two robots more); those beyond it do not take part."""
 

@@ -44,7 +44,8 @@ class RealTimeSolver:
         forces = _compact(start.forces)
         pressures = np.zeros((2, len(states), ROWS_PER_STEP * problem.steps))
         most, least = (self._iterations, CONVERGED) if start.warm else (COLD_ITERATIONS, CONVERGED_COLD)
-        solved, iterations = bool(np.isfinite(states).all()), 0
+        given = (states, start.inputs, problem.previous_inputs)
+        solved, iterations = all(bool(np.isfinite(each).all()) for each in given), 0
         while solved and iterations < most and not (iterations and self._deadline.passed):
             states, forces, pressures, promised, solved = improve(
                 data, states, forces, pressures, PENALTY_PER_M, TOLERANCE
