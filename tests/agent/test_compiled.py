@@ -11,7 +11,7 @@ from agent.solver import joint_solver
 from agent.solver.problem import Start
 from agent.solver.starts import cold_starts
 
-TRIES = 800
+TRIES = 2000
 LARGEST = 2000
 """Of the arrays in between: they share the heap with those of the kernels."""
 
