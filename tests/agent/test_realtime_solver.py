@@ -200,4 +200,3 @@ def test_other_numbers_of_robots_obstacles_and_steps_compile_nothing():
         )
         assert solve(problem).solved
     assert compiled() == before
-    assert {len(signatures) for signatures in before} == {1}

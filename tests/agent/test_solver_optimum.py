@@ -79,6 +79,7 @@ JUDGED = {
 def judged(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Judged:
     """The real-time solver goes on to the end here, instead of stopping where little more is to be gained."""
     monkeypatch.setattr(realtime, "CONVERGED_COLD", 1e-12)
+    monkeypatch.setattr(realtime, "COLD_ITERATIONS", 200)
     monkeypatch.setattr(realtime, "TOLERANCE", 1e-7)
     return JUDGED[request.param]
 
