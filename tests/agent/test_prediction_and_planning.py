@@ -16,7 +16,7 @@ from agent.solver.starts import cold_starts
 from protocol.scene import Area, PublicRobot, Scene, Weights
 from protocol.vehicle import STANDSTILL, Input, Limits
 
-TOLERANCE_M = 1e-5
+TOLERANCE_M = 1e-4
 """Of distances where a solver has converged, as from a cold start."""
 STATES = {
     "a": (-4.0, 0.0, 0.0, 1.0),
