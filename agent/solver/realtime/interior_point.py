@@ -38,10 +38,14 @@ TO_BOUNDARY = 0.995
 """Part of the way to the nearest bound that a step may go."""
 FIRST_MEAN = 3.0
 """Product of each slack and its multiplier at the beginning."""
+FIRST_MEAN_PER_M = 1e3
+"""The same for each metre by which a row is violated: its multiplier may have to grow as large as ρ."""
 LEAST_SLACK = 0.2
 """Of a limit at the beginning, relative to the size of its interval, where no multiplier is expected."""
 LEAST_GAP_M = 0.1
 """Slack of a row at its beginning."""
+LARGE = 100.0
+"""A mean multiplier of limits that is."""
 MOST_ITERATIONS = 200
 MOST_ROWS_A_ROBOT = 32
 """There is room for this many rows a robot (and two robots more); those beyond it do not take part."""
@@ -139,7 +143,7 @@ def solve_program(program: Program, pressures: Array, tolerance: float) -> Outco
     while not solved and iterations < MOST_ITERATIONS:
         _set_residuals(program, iterate, count, system)
         mean = _complementarity(program, iterate, direction, count, 0.0)
-        error = max(_largest_residual(system, count), mean)
+        error = max(_largest_residual(iterate, system, count), mean)
         solved = error <= tolerance
         if solved or not np.isfinite(error) or not _factorise(program, iterate, count, system):
             break
@@ -189,17 +193,20 @@ def _empty_system(robots: int, size: int, capacity: int) -> System:
 
 @kernel
 def _begin(program: Program, iterate: Iterate, pressures: Array, taken: Booleans) -> int:
-    """Begin near the central path: with the expected multipliers, and products of at least ``FIRST_MEAN``."""
+    """Begin near the central path: with the expected multipliers, and products of at least a first mean."""
+    mean = FIRST_MEAN
+    for gap in program.rows.gap:
+        mean = max(mean, -FIRST_MEAN_PER_M * gap)
     for robot in range(len(program.low)):
         for row in range(program.low.shape[1]):
             low, high = program.low[robot, row], program.high[robot, row]
             least = LEAST_SLACK * (high - low)
             for side in range(2):
                 gap = high if side == 1 else -low
-                pressure = max(pressures[side, robot, row], FIRST_MEAN / max(gap, least))
+                pressure = max(pressures[side, robot, row], mean / max(gap, least))
                 iterate.pressure[side, robot, row] = pressure
-                iterate.slack[side, robot, row] = max(gap, FIRST_MEAN / pressure)
-    return _let_in(program, iterate, taken, 0, NEAR_M, FIRST_MEAN)
+                iterate.slack[side, robot, row] = max(gap, mean / pressure)
+    return _let_in(program, iterate, taken, 0, NEAR_M, mean)
 
 
 @kernel
@@ -260,8 +267,10 @@ def _set_residuals(program: Program, iterate: Iterate, count: int, system: Syste
 
 
 @kernel
-def _largest_residual(system: System, count: int) -> float:
-    worst: float = max(np.abs(system.stationarity).max(), np.abs(system.limits).max())
+def _largest_residual(iterate: Iterate, system: System, count: int) -> float:
+    """Stationarity is judged relative to large multipliers, whose rounding errors it holds."""
+    scale = max(1.0, iterate.pressure.mean() / LARGE)
+    worst: float = max(np.abs(system.stationarity).max() / scale, np.abs(system.limits).max())
     for at in range(count):
         worst = max(worst, abs(system.rows[at]))
     return worst

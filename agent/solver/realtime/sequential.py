@@ -6,7 +6,7 @@ import numpy as np
 
 from agent.compiled import kernel
 from agent.solver.realtime.cost import blocks_of, cost_of, gradient_of
-from agent.solver.realtime.distances import rows_about, violation_of
+from agent.solver.realtime.distances import gaps_after, rows_about, violation_of
 from agent.solver.realtime.interior_point import Outcome, Program, solve_program
 from agent.solver.realtime.limits import bounds_of, limited_quantities
 from agent.solver.realtime.profiles import arms_of, displacements, moved
@@ -93,6 +93,8 @@ def improve(
     """
     program = program_about(data, states, forces, penalty)
     outcome = solve_program(program, pressures, tolerance)
+    if not outcome.solved:  # where limits leave no room, pressures have no bound and are no start
+        outcome = solve_program(program, np.zeros_like(pressures), tolerance)
     if not outcome.solved:
         return states, forces, pressures, 0.0, False
     there, promised = _followed(data, program, states, outcome)
@@ -109,7 +111,8 @@ def _followed(data: Data, program: Program, states: Array, outcome: Outcome) -> 
     price = LEAST_PRICE + 2.0 * outcome.largest_force
     violation = violation_of(states, data.obstacles, data.safety_distances, data.area)
     merit = cost_of(states, data.goals, data.weights) + price * violation
-    promised = price * violation - _modelled_increase(program, outcome.change)
+    left = _violation_left(program, outcome.change)
+    promised = price * (violation - left) - _modelled_increase(program, outcome.change)
     share = 1.0
     while share >= SHORTEST:
         there = moved(states, outcome.change, share, data.step_s)
@@ -117,6 +120,19 @@ def _followed(data: Data, program: Program, states: Array, outcome: Outcome) -> 
             return there, promised / (1.0 + merit)
         share *= 0.5
     return states, 0.0
+
+
+@kernel
+def _violation_left(program: Program, change: Array) -> float:
+    """Sum of what the linearised rows are violated by after a change, in m."""
+    shifts, total = np.empty((len(change), change.shape[1] // 2 + 1, 2)), 0.0
+    gaps = np.empty(len(program.rows.gap))
+    for robot in range(len(change)):
+        displacements(program.arms[robot], change[robot], shifts[robot])
+    gaps_after(program.rows, shifts, gaps)
+    for gap in gaps:
+        total += max(-gap, 0.0)
+    return total
 
 
 @kernel
