@@ -346,7 +346,14 @@ def test_damaged_messages_are_never_taken_for_good_ones(
     [chunk] = summary.chunk_indexes
     content = path.read_bytes()
     first_byte = chunk.chunk_start_offset + chunk.chunk_length - chunk.compressed_size
-    for place in range(first_byte, first_byte + chunk.compressed_size, 5):
+    places = range(first_byte, first_byte + chunk.compressed_size, 5)
+    noticed = 0
+    for place in places:
         path.write_bytes(content[:place] + bytes([content[place] ^ 0x01]) + content[place + 1 :])
-        with pytest.raises(RecordingError, match="damaged"):
-            list(read_recording(path))
+        # A few bits mean nothing to the decompressor; with one of them turned the messages are the same.
+        try:
+            assert list(read_recording(path)) == messages
+        except RecordingError as error:
+            assert "damaged" in str(error)
+            noticed += 1
+    assert noticed > 0.9 * len(places)
