@@ -38,7 +38,7 @@ def kernel(function: Function) -> Function:
     kept in the order in which they are written: reordered ones differ in their last bits with the addresses
     of arrays, and robots with the same data must decide the same.
     """
-    compiled = numba.njit(cache=True, error_model="numpy", nogil=True)(function)
+    compiled = numba.njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})(function)
     _kernels.append(compiled)
     return cast(Function, compiled)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from agent.memory import Memory
 from agent.prediction import Prediction
 from agent.problems import joint_problem
-from agent.solver.problem import JointSolver, Start
+from agent.solver.problem import JointSolver
 from agent.vehicle import Array
 from protocol.scene import Scene
 from protocol.vehicle import Input
@@ -41,6 +41,5 @@ class Planner:
         """Solve eq. 1 for the ego, among the predicted paths of all others."""
         others = {robot: path for robot, path in prediction.paths.items() if robot != self._robot}
         problem = joint_problem(self._scene, memory, {self._robot: goal}, others, {self._robot: previous})
-        inputs, forces = prediction.inputs[self._robot], prediction.forces[self._robot]
-        solution = self._solver.solve(problem, Start(inputs[None], forces[None], warm=True))
+        solution = self._solver.solve(problem, prediction.starts[self._robot])
         return Plan(solution.inputs[0], solution.states[0], solution.solved)

@@ -9,7 +9,7 @@ from agent.deadline import Deadline
 from agent.memory import Memory
 from agent.problems import WarmStarts, joint_problem
 from agent.solver.choice import best_solution
-from agent.solver.problem import JointSolver
+from agent.solver.problem import JointSolver, Start
 from agent.vehicle import Array
 from protocol.scene import Scene
 
@@ -22,8 +22,8 @@ class Prediction:
     """Positions (K + 1, 2) of every robot."""
     inputs: dict[str, Array]
     """Inputs (K, 2) of every robot that is not parked."""
-    forces: dict[str, Array]
-    """Constraint forces (K + 1, 2) on every robot that is not parked."""
+    starts: dict[str, Start]
+    """Where the planning of a robot that is not parked may start: from its own part of the prediction."""
     states: dict[str, Array]
     """States (K + 1, 4) of every robot that is not parked."""
     solved: bool
@@ -55,7 +55,7 @@ class Predictor:
         return Prediction(
             paths={robot: states[:, :2] for robot, states in moving.items()} | resting,
             inputs=dict(zip(free, solution.inputs, strict=True)),
-            forces=dict(zip(free, solution.forces, strict=True)),
+            starts={robot: solution.start_of(index) for index, robot in enumerate(free)},
             states=moving,
             solved=solution.solved,
         )

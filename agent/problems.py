@@ -47,28 +47,31 @@ def joint_problem(
 
 
 class WarmStarts:
-    """The last solution's inputs and forces of each robot: where the next solution starts, one step on."""
+    """The last solution of each robot: where the next solution starts, one step on."""
 
     def __init__(self) -> None:
-        self._last: dict[str, tuple[Array, Array]] = {}
+        self._last: dict[str, tuple[Array, Array, Array]] = {}
 
     def starts(self, problem: JointProblem, robots: Sequence[str]) -> list[Start]:
         """The last solution, one step on; where a robot has none, each of the cold starts for it."""
-        known = {index: robot for index, robot in enumerate(robots) if robot in self._last}
-        shape = (len(robots), problem.steps)
+        known = {
+            index: [shifted(each) for each in self._last[robot]]
+            for index, robot in enumerate(robots)
+            if robot in self._last
+        }
         if len(known) == len(robots):
-            starts = [Start(np.empty((*shape, 2)), np.empty((shape[0], shape[1] + 1, 2)), warm=True)]
-        else:
-            starts = cold_starts(problem)
+            inputs, forces, pressures = (np.array(each) for each in zip(*known.values(), strict=True))
+            return [Start(inputs, forces, pressures, warm=True)]
+        starts = cold_starts(problem)
         for start in starts:
-            for index, robot in known.items():
-                inputs, forces = self._last[robot]
-                start.inputs[index], start.forces[index] = shifted(inputs), shifted(forces)
+            for index, parts in known.items():
+                start.inputs[index], start.forces[index], start.pressures[index] = parts
         return starts
 
     def keep(self, robots: Sequence[str], solution: Solution) -> None:
         """Remember a solution; all earlier ones are forgotten."""
-        self._last = dict(zip(robots, zip(solution.inputs, solution.forces, strict=True), strict=True))
+        parts = zip(solution.inputs, solution.forces, solution.pressures, strict=True)
+        self._last = dict(zip(robots, parts, strict=True))
 
     def forget(self) -> None:
         """Start cold next time."""

@@ -15,6 +15,9 @@ from protocol.vehicle import Limits
 FIRST_FREE_STAGE = 2
 """Positions up to stage 1 are settled by the present state, so distances matter from here on."""
 
+LIMITED_QUANTITIES = 5
+"""A vehicle's limits a stage: turn rate, acceleration, the changes of both, and speed."""
+
 
 @dataclass(frozen=True)
 class JointProblem:
@@ -88,6 +91,8 @@ class Start:
     """Shape (M, K, 2)."""
     forces: Array
     """Constraint forces to expect, as those of a :class:`Solution`; zero where nothing is known."""
+    pressures: Array
+    """The same for the multipliers of limits."""
     warm: bool
     """Whether it comes from the last step's solution, so that little is left to do."""
 
@@ -103,11 +108,19 @@ class Solution:
     forces: Array
     """How the rows of distances and area push each position, shape (M, K + 1, 2): Σ λ n over those rows, the
     negative gradient of what they add to the Lagrangian. In cost a metre."""
+    pressures: Array
+    """Multipliers of the limits (eq. 9) on ω_k, a_k, their changes from k − 1 to k, and v_{k+1}: shape (M, K, 5).
+    Positive at the upper limit, negative at the lower one; zero where the solver does not know them."""
     objective: float
     violation_m: float
     solved: bool
     """Whether the solver found a (local) optimum; if not, the trajectories are not to be driven."""
     iterations: int
+
+    def start_of(self, index: int) -> Start:
+        """Where to start on a problem of one of the robots alone."""
+        alone = slice(index, index + 1)
+        return Start(self.inputs[alone], self.forces[alone], self.pressures[alone], warm=True)
 
 
 class JointSolver(Protocol):

@@ -10,7 +10,7 @@ from itertools import combinations
 import casadi as ca
 import numpy as np
 
-from agent.solver.problem import FIRST_FREE_STAGE, JointProblem, Solution, Start
+from agent.solver.problem import FIRST_FREE_STAGE, LIMITED_QUANTITIES, JointProblem, Solution, Start
 from agent.solver.starts import braking_inputs, within_limits
 from agent.vehicle import Array
 
@@ -55,6 +55,7 @@ class ReferenceSolver:
         result = program.solver(
             x0=_variables(problem, start.inputs, len(program.pairs)),
             p=_parameters(problem, program.pairs),
+            pressures=np.zeros((len(states), problem.steps, LIMITED_QUANTITIES)),
             **_bounds(problem, len(program.pairs)),
         )
         statistics = program.solver.stats()

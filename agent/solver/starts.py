@@ -3,7 +3,7 @@
 import numpy as np
 
 from agent.compiled import kernel
-from agent.solver.problem import JointProblem, Start
+from agent.solver.problem import LIMITED_QUANTITIES, JointProblem, Start
 from agent.vehicle import Array
 from protocol.vehicle import Input, braking_input
 
@@ -13,8 +13,8 @@ another, and a symmetrical crossing begins as a roundabout instead of a deadlock
 
 
 def shifted(stages: Array) -> Array:
-    """Last step's inputs, or forces, of one robot, one step on; the new last one is zero. Shape (n, 2)."""
-    return np.concatenate([stages[1:], np.zeros((1, 2))])
+    """Last step's inputs, forces or pressures of one robot, one step on; those of the new last stage are zero."""
+    return np.concatenate([stages[1:], np.zeros_like(stages[:1])])
 
 
 def cold_starts(problem: JointProblem) -> list[Start]:
@@ -31,8 +31,9 @@ def cold_starts(problem: JointProblem) -> list[Start]:
 def _leaning(problem: JointProblem, sides: Array) -> Start:
     inputs = braking_inputs(problem)
     inputs[:, :, 0] += SIDESTEP_RADPS * sides[:, None]
-    forces = np.zeros((len(problem.states), problem.steps + 1, 2))
-    return Start(within_limits(problem, inputs), forces, warm=False)
+    robots, steps = inputs.shape[:2]
+    forces, pressures = np.zeros((robots, steps + 1, 2)), np.zeros((robots, steps, LIMITED_QUANTITIES))
+    return Start(within_limits(problem, inputs), forces, pressures, warm=False)
 
 
 def braking_inputs(problem: JointProblem) -> Array:

@@ -18,8 +18,10 @@ NOBODY = -1
 
 
 class Rows(NamedTuple):
-    """gap + normal·(δp_first − δp_second) ≥ 0 for small displacements δp; C of them."""
+    """gap + normal·(δp_first − δp_second) ≥ 0 for small displacements δp; C of them, stage after stage."""
 
+    each: int
+    """Rows of one stage; those of the next one follow in the same order."""
     first: Integers
     second: Integers
     """Index of the second robot, or ``NOBODY``."""
@@ -44,6 +46,7 @@ def rows_about(states: Array, obstacles: Array, safety_distances: Array, area: A
     each = robots * (robots - 1) // 2 + robots * (len(obstacles) + 4)
     count = each * max(stages - FIRST_FREE_STAGE, 0)
     rows = Rows(
+        each,
         np.empty(count, np.int64),
         np.empty(count, np.int64),
         np.empty(count, np.int64),
@@ -103,7 +106,7 @@ def violation_of(states: Array, obstacles: Array, safety_distances: Array, area:
 @kernel
 def gaps_after(rows: Rows, shifts: Array, gaps: Array) -> None:
     """The linearised gaps (C,) after displacements (M, K + 1, 2)."""
-    first, second, stage, normal, gap = rows
+    first, second, stage, normal, gap = rows.first, rows.second, rows.stage, rows.normal, rows.gap
     for row in range(len(gap)):
         i, j, k = first[row], second[row], stage[row]
         x, y = shifts[i, k, 0], shifts[i, k, 1]

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.compiled import kernel
+from agent.solver.problem import LIMITED_QUANTITIES
 from agent.solver.realtime.cholesky import factorise, solve_transposed, solve_upper
 from agent.solver.realtime.distances import NOBODY, Rows, add_forces, gaps_after
 from agent.solver.realtime.limits import (
-    ROWS_PER_STEP,
     add_transposed_limits,
     apply_limits,
     limit_bands,
@@ -34,10 +34,13 @@ NEAR_M = 0.05
 """Rows with a smaller gap take part from the beginning."""
 TIGHT_M = 0.02
 """Rows whose linearised gap falls below this during the iterations begin to take part."""
+SPREAD_M = 0.05
 TO_BOUNDARY = 0.995
 """Part of the way to the nearest bound that a step may go."""
 FIRST_MEAN = 3.0
-"""Product of each slack and its multiplier at the beginning."""
+"""Product of each slack and its multiplier at the beginning, where nothing is known of multipliers."""
+FIRST_MEAN_EXPECTED = 0.1
+"""The same where multipliers are expected."""
 FIRST_MEAN_PER_M = 1e3
 """The same for each metre by which a row is violated: its multiplier may have to grow as large as ρ."""
 LEAST_SLACK = 0.2
@@ -66,6 +69,8 @@ class Program(NamedTuple):
     """Shape (M, 5K)."""
     high: Array
     rows: Rows
+    forces: Array
+    """On the positions, to expect, shape (M, K + 1, 2)."""
     penalty: float
     """ρ, the price of a violated row a metre."""
     step_s: float
@@ -125,12 +130,13 @@ class Outcome(NamedTuple):
 
 
 @kernel
-def solve_program(program: Program, pressures: Array, tolerance: float) -> Outcome:
+def solve_program(program: Program, pressures: Array, first_mean: float, tolerance: float) -> Outcome:
     """Solve the program from d = 0, to a tolerance on stationarity, feasibility and complementarity.
 
     Args:
         program: the data.
         pressures: multipliers of the limits to expect, shape (2, M, 5K); zero where nothing is known.
+        first_mean: product of each slack and its multiplier at the beginning, at least.
         tolerance: the same for all conditions.
     """
     robots, size = program.gradients.shape
@@ -138,7 +144,7 @@ def solve_program(program: Program, pressures: Array, tolerance: float) -> Outco
     iterate, direction = _empty(robots, size, capacity), _empty(robots, size, capacity)
     system = _empty_system(robots, size, capacity)
     taken = np.zeros(len(program.rows.gap), np.bool_)
-    count = _begin(program, iterate, pressures, taken)
+    count = _begin(program, iterate, pressures, first_mean, taken)
     solved, iterations = False, 0
     while not solved and iterations < MOST_ITERATIONS:
         _set_residuals(program, iterate, count, system)
@@ -165,7 +171,7 @@ def solve_program(program: Program, pressures: Array, tolerance: float) -> Outco
 
 @kernel
 def _empty(robots: int, size: int, capacity: int) -> Iterate:
-    limits = size // 2 * ROWS_PER_STEP
+    limits = size // 2 * LIMITED_QUANTITIES
     return Iterate(
         np.zeros((robots, size)),
         np.zeros((2, robots, limits)),
@@ -179,7 +185,7 @@ def _empty(robots: int, size: int, capacity: int) -> Iterate:
 
 @kernel
 def _empty_system(robots: int, size: int, capacity: int) -> System:
-    limits = size // 2 * ROWS_PER_STEP
+    limits = size // 2 * LIMITED_QUANTITIES
     return System(
         np.empty((robots, size)),
         np.empty((2, robots, limits)),
@@ -192,9 +198,8 @@ def _empty_system(robots: int, size: int, capacity: int) -> System:
 
 
 @kernel
-def _begin(program: Program, iterate: Iterate, pressures: Array, taken: Booleans) -> int:
+def _begin(program: Program, iterate: Iterate, pressures: Array, mean: float, taken: Booleans) -> int:
     """Begin near the central path: with the expected multipliers, and products of at least a first mean."""
-    mean = FIRST_MEAN
     for gap in program.rows.gap:
         mean = max(mean, -FIRST_MEAN_PER_M * gap)
     for robot in range(len(program.low)):
@@ -218,16 +223,35 @@ def _let_in(
     for robot in range(len(shifts)):
         displacements(program.arms[robot], iterate.change[robot], shifts[robot])
     gaps_after(program.rows, shifts, gaps)
-    for row in range(len(taken)):
-        # What is not a number takes part too, and ends the iterations.
-        if not (gaps[row] >= threshold or taken[row]) and count < len(iterate.force):
-            taken[row] = True
-            iterate.taking_part[count] = row
-            iterate.row_slack[count] = max(gaps[row], LEAST_GAP_M)
-            iterate.force[count] = min(mean / iterate.row_slack[count], 0.5 * program.penalty)
-            iterate.violation[count] = mean / (program.penalty - iterate.force[count])
-            count += 1
+    each = program.rows.each
+    for pair in range(each):
+        least = threshold
+        for row in range(pair, len(taken), each):
+            if not taken[row]:
+                least = min(least, gaps[row])
+        for row in range(pair, len(taken), each):
+            # What is not a number takes part too, and ends the iterations.
+            if not (gaps[row] >= threshold or gaps[row] > least + SPREAD_M or taken[row]) and count < len(iterate.force):
+                taken[row] = True
+                iterate.taking_part[count] = row
+                slack = max(gaps[row], LEAST_GAP_M)
+                force = min(max(mean / slack, _expected_force(program, row)), 0.5 * program.penalty)
+                iterate.row_slack[count] = max(gaps[row], mean / force)
+                iterate.force[count] = force
+                iterate.violation[count] = mean / (program.penalty - iterate.force[count])
+                count += 1
     return count
+
+
+@kernel
+def _expected_force(program: Program, row: int) -> float:
+    """Of one row: as much of what pushes its robots as may come from it."""
+    i, j, k = program.rows.first[row], program.rows.second[row], program.rows.stage[row]
+    x, y = program.rows.normal[row, 0], program.rows.normal[row, 1]
+    force: float = x * program.forces[i, k, 0] + y * program.forces[i, k, 1]
+    if j != NOBODY:
+        force = min(force, -x * program.forces[j, k, 0] - y * program.forces[j, k, 1])
+    return force
 
 
 @kernel
@@ -270,10 +294,21 @@ def _set_residuals(program: Program, iterate: Iterate, count: int, system: Syste
 def _largest_residual(iterate: Iterate, system: System, count: int) -> float:
     """Stationarity is judged relative to large multipliers, whose rounding errors it holds."""
     scale = max(1.0, iterate.pressure.mean() / LARGE)
-    worst: float = max(np.abs(system.stationarity).max() / scale, np.abs(system.limits).max())
-    for at in range(count):
-        worst = max(worst, abs(system.rows[at]))
-    return worst
+    worst = max(_largest(system.stationarity.ravel()) / scale, _largest(system.limits.ravel()))
+    return max(worst, _largest(system.rows[:count]))
+
+
+@kernel
+def _largest(values: Array) -> float:
+    """The largest size of all; not a number where one of them is none."""
+    largest = 0.0
+    for value in values:
+        size = abs(value)
+        if not size <= largest:
+            largest = size
+        if size != size:
+            return size
+    return largest
 
 
 @kernel
@@ -375,10 +410,19 @@ def _set_coupling(rows: Rows, taking_part: Integers, system: System) -> None:
 
 @kernel
 def _product(one: Array, two: Array, start: int) -> float:
-    total = 0.0
-    for slot in range(start, len(one)):
-        total += one[slot] * two[slot]
-    return total
+    # Four sums side by side: one alone would wait for each of its additions. The number of slots is even.
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    slot = start
+    while slot + 4 <= len(one):
+        a += one[slot] * two[slot]
+        b += one[slot + 1] * two[slot + 1]
+        c += one[slot + 2] * two[slot + 2]
+        d += one[slot + 3] * two[slot + 3]
+        slot += 4
+    while slot < len(one):
+        a += one[slot] * two[slot]
+        slot += 1
+    return (a + b) + (c + d)
 
 
 @kernel
@@ -414,15 +458,17 @@ def _find_direction(
         )
     limited = np.empty(program.low.shape[1])
     for robot in range(robots):
-        for row in range(len(limited)):
-            limited[row] = 0.0
-            for side in range(2):
-                slack, pressure = iterate.slack[side, robot, row], iterate.pressure[side, robot, row]
-                product = direction.slack[side, robot, row] * direction.pressure[side, robot, row]
-                target = centre - slack * pressure - second_order * product
-                share = (target - pressure * system.limits[side, robot, row]) / slack
-                direction.pressure[side, robot, row] = share
-                limited[row] += share if side == 0 else -share
+        limited[:] = 0.0
+        for side in range(2):
+            sign = 1.0 - 2.0 * side
+            slack, pressure = iterate.slack[side, robot], iterate.pressure[side, robot]
+            more_slack, more_pressure = direction.slack[side, robot], direction.pressure[side, robot]
+            residual = system.limits[side, robot]
+            for row in range(len(limited)):
+                target = centre - second_order * more_slack[row] * more_pressure[row]
+                share = (target - pressure[row] * residual[row]) / slack[row] - pressure[row]
+                more_pressure[row] = share
+                limited[row] += sign * share
         right = direction.change[robot]
         for slot in range(size):
             right[slot] = -system.stationarity[robot, slot]
@@ -434,10 +480,12 @@ def _find_direction(
         apply_limits(direction.change[robot], program.step_s, limited)
         for side in range(2):
             sign = 1.0 - 2.0 * side
+            slack, pressure = iterate.slack[side, robot], iterate.pressure[side, robot]
+            more_slack, more_pressure = direction.slack[side, robot], direction.pressure[side, robot]
+            residual = system.limits[side, robot]
             for row in range(len(limited)):
-                slack, pressure = iterate.slack[side, robot, row], iterate.pressure[side, robot, row]
-                direction.pressure[side, robot, row] -= sign * pressure / slack * limited[row]
-                direction.slack[side, robot, row] = sign * limited[row] + system.limits[side, robot, row]
+                more_pressure[row] -= sign * pressure[row] / slack[row] * limited[row]
+                more_slack[row] = sign * limited[row] + residual[row]
 
 
 @kernel
@@ -485,25 +533,35 @@ def _solve_rows(
 @kernel
 def _longest_step(program: Program, iterate: Iterate, direction: Iterate, count: int) -> float:
     """The longest step, at most 1, with which no slack and no multiplier becomes negative."""
-    slowest = 1.0
-    slack, pressure = iterate.slack.ravel(), iterate.pressure.ravel()
-    more_slack, more_pressure = direction.slack.ravel(), direction.pressure.ravel()
-    for at in range(len(slack)):
-        slowest = max(slowest, -more_slack[at] / slack[at])
-        slowest = max(slowest, -more_pressure[at] / pressure[at])
-    for at in range(count):
-        slowest = max(slowest, -direction.row_slack[at] / iterate.row_slack[at])
-        slowest = max(slowest, -direction.violation[at] / iterate.violation[at])
-        slowest = max(slowest, -direction.force[at] / iterate.force[at])
-        slowest = max(slowest, direction.force[at] / (program.penalty - iterate.force[at]))
+    slowest = _slowest(1.0, iterate.slack.ravel(), direction.slack.ravel())
+    slowest = _slowest(slowest, iterate.pressure.ravel(), direction.pressure.ravel())
+    slowest = _slowest(slowest, iterate.row_slack[:count], direction.row_slack[:count])
+    slowest = _slowest(slowest, iterate.violation[:count], direction.violation[:count])
+    slowest = _slowest(slowest, iterate.force[:count], direction.force[:count])
+    slowest = _slowest(slowest, program.penalty - iterate.force[:count], -direction.force[:count])
     return 1.0 / slowest
 
 
 @kernel
+def _slowest(slowest: float, values: Array, changes: Array) -> float:
+    """One over the step at which the first of the values becomes zero, if that is more than ``slowest``."""
+    for at in range(len(values)):
+        if -changes[at] > slowest * values[at]:  # divisions are dear, and this is rarely so
+            slowest = -changes[at] / values[at]
+    return slowest
+
+
+@kernel
 def _advance(iterate: Iterate, direction: Iterate, count: int, length: float) -> None:
-    iterate.change[:] += length * direction.change
-    iterate.slack[:] += length * direction.slack
-    iterate.pressure[:] += length * direction.pressure
-    iterate.row_slack[:count] += length * direction.row_slack[:count]
-    iterate.violation[:count] += length * direction.violation[:count]
-    iterate.force[:count] += length * direction.force[:count]
+    _move(iterate.change.ravel(), direction.change.ravel(), length)
+    _move(iterate.slack.ravel(), direction.slack.ravel(), length)
+    _move(iterate.pressure.ravel(), direction.pressure.ravel(), length)
+    _move(iterate.row_slack[:count], direction.row_slack[:count], length)
+    _move(iterate.violation[:count], direction.violation[:count], length)
+    _move(iterate.force[:count], direction.force[:count], length)
+
+
+@kernel
+def _move(values: Array, changes: Array, length: float) -> None:
+    for at in range(len(values)):
+        values[at] += length * changes[at]

@@ -8,9 +8,8 @@ operations, and the matrix AᵀDA has five diagonals in ψ and five in v.
 import numpy as np
 
 from agent.compiled import kernel
+from agent.solver.problem import LIMITED_QUANTITIES
 from agent.vehicle import Array
-
-ROWS_PER_STEP = 5
 
 
 @kernel
@@ -90,7 +89,7 @@ def limited_quantities(path: Array, previous_input: Array, step_s: float, rows: 
 @kernel
 def bounds_of(input_bounds: Array, rate_bounds: Array, speed_bound: float, steps: int) -> Array:
     """The largest size (5K,) of each limited quantity of one robot."""
-    bounds = np.empty(ROWS_PER_STEP * steps)
+    bounds = np.empty(LIMITED_QUANTITIES * steps)
     for c in range(2):
         bounds[c * steps : (c + 1) * steps] = input_bounds[c]
         bounds[(2 + c) * steps : (3 + c) * steps] = rate_bounds[c]

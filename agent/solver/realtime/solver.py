@@ -3,8 +3,9 @@
 import numpy as np
 
 from agent.deadline import Deadline
-from agent.solver.problem import JointProblem, Solution, Start
-from agent.solver.realtime.limits import ROWS_PER_STEP
+from agent.solver.problem import LIMITED_QUANTITIES, JointProblem, Solution, Start
+from agent.solver.realtime.distances import violation_of
+from agent.solver.realtime.interior_point import FIRST_MEAN, FIRST_MEAN_EXPECTED
 from agent.solver.realtime.profiles import inputs_of, states_of
 from agent.solver.realtime.sequential import Data, improve
 from agent.solver.starts import within_limits
@@ -18,6 +19,8 @@ TOLERANCE = 1e-5
 CONVERGED = 5e-4
 """From a warm start, a step that promises to decrease the merit by no more than this, relative to it, is the
 last: near the optimum, what remains after a step is a hundred times less."""
+FEASIBLE_M = 3e-4
+"""A trajectory with a larger sum of violated distances is iterated on."""
 CONVERGED_COLD = 1e-6
 """The same from a cold start."""
 COLD_ITERATIONS = 30
@@ -42,21 +45,36 @@ class RealTimeSolver:
         first = within_limits(problem, start.inputs)
         states = states_of(_compact(problem.states), first, problem.step_s)
         forces = _compact(start.forces)
-        pressures = np.zeros((2, len(states), ROWS_PER_STEP * problem.steps))
+        pressures = _by_side(start.pressures)
         most, least = (self._iterations, CONVERGED) if start.warm else (COLD_ITERATIONS, CONVERGED_COLD)
+        first_mean = FIRST_MEAN_EXPECTED if start.warm else FIRST_MEAN
         given = (states, start.inputs, problem.previous_inputs)
         solved, iterations = all(bool(np.isfinite(each).all()) for each in given), 0
         while solved and iterations < most and not (iterations and self._deadline.passed):
             states, forces, pressures, promised, solved = improve(
-                data, states, forces, pressures, PENALTY_PER_M, TOLERANCE
+                data, states, forces, pressures, first_mean, PENALTY_PER_M, TOLERANCE
             )
             iterations += 1
-            if promised <= least:
+            if promised <= least and violation_of(states, data.obstacles, data.safety_distances, data.area) <= FEASIBLE_M:
                 break
-        return _solution(problem, states, forces, solved, iterations)
+        return _solution(problem, states, forces, pressures, solved, iterations)
 
 
-def _solution(problem: JointProblem, states: Array, forces: Array, solved: bool, iterations: int) -> Solution:
+def _by_side(pressures: Array) -> Array:
+    """Pressures (M, K, 5) as the quadratic program has them: shape (2, M, 5K), none negative."""
+    flat = pressures.swapaxes(1, 2).reshape(len(pressures), -1)
+    return np.maximum([-flat, flat], 0.0)
+
+
+def _by_stage(pressures: Array, steps: int) -> Array:
+    """The inverse of :func:`_by_side`."""
+    low, high = pressures.reshape(2, -1, LIMITED_QUANTITIES, steps)
+    return (high - low).swapaxes(1, 2)
+
+
+def _solution(
+    problem: JointProblem, states: Array, forces: Array, pressures: Array, solved: bool, iterations: int
+) -> Solution:
     # Quadratic programs keep limits to their tolerance; what is handed on keeps them exactly.
     inputs = within_limits(problem, inputs_of(states, problem.step_s))
     states = problem.rollout(inputs)
@@ -64,6 +82,7 @@ def _solution(problem: JointProblem, states: Array, forces: Array, solved: bool,
         inputs=inputs,
         states=states,
         forces=forces,
+        pressures=_by_stage(pressures, problem.steps),
         objective=problem.objective(states),
         violation_m=problem.violation_m(states),
         solved=solved,

@@ -52,6 +52,7 @@ def factorise_stages(arms: Array, weights: Array, blocks: Array, bands: Array, f
             for column in range(WIDTH):
                 form[c, column] *= scale
                 factor[slot + c, column] = form[c, column]
+            factor[slot + c, c] = scale  # one over the diagonal: multiplying is faster than dividing
             for row in range(c + 1, WIDTH):
                 for column in range(row, WIDTH):
                     form[row, column] -= form[c, row] * form[c, column]
@@ -108,7 +109,7 @@ def solve_stages_transposed(factor: Array, arms: Array, first: int, right: Array
                 value -= factor[slot - 4, 6 + c] * right[slot - 4] + factor[slot - 3, 6 + c] * right[slot - 3]
             if c == 1:
                 value -= factor[slot, 1] * right[slot]
-            right[here] = value / factor[here, c]
+            right[here] = value * factor[here, c]
         pull_x += factor[slot, 2] * right[slot] + factor[slot + 1, 2] * right[slot + 1]
         pull_y += factor[slot, 3] * right[slot] + factor[slot + 1, 3] * right[slot + 1]
 
@@ -128,6 +129,6 @@ def solve_stages(factor: Array, arms: Array, right: Array) -> None:
                 value -= row[6] * right[slot + 4] + row[7] * right[slot + 5]
             if c == 0:
                 value -= row[1] * right[slot + 1]
-            right[slot + c] = value / row[c]
+            right[slot + c] = value * row[c]
         x += arms[slot, 0] * right[slot] + arms[slot + 1, 0] * right[slot + 1]
         y += arms[slot, 1] * right[slot] + arms[slot + 1, 1] * right[slot + 1]
