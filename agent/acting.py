@@ -8,6 +8,9 @@ from protocol.vehicle import Input, Limits, braking_input, reachable_inputs
 LONGEST_BRAKING_STEPS = 1000
 """After so many steps without a command a robot is taken to stand."""
 
+SAME = 1e-6
+"""Relative to the limit, inputs that differ by no more are the same."""
+
 
 def first_input(plan: Plan, limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
     """The receding horizon: only the plan's first input is driven.
@@ -50,6 +53,14 @@ def driven_last(given: Command, speed_mps: float, missed_steps: int, limits: Lim
         driven = Input(*fallback) if fallback else braking_input(limits, driven, speed_mps, step_s)
         fallback = None
     return driven
+
+
+def is_same_input(one: Input, other: Input, limits: Limits) -> bool:
+    """Whether two inputs are equal, up to what is lost when they are recovered from poses."""
+    return (
+        abs(one.turn_rate_radps - other.turn_rate_radps) <= SAME * limits.turn_rate_radps
+        and abs(one.acceleration_mps2 - other.acceleration_mps2) <= SAME * limits.acceleration_mps2
+    )
 
 
 def without_a_plan(limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:

@@ -1,9 +1,10 @@
 """Algorithm 1: remember, estimate, predict, plan, act. No input or output, no clock, no thread."""
 
+from collections import deque
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from agent.acting import driven_last, first_input, second_input, without_a_plan
+from agent.acting import driven_last, first_input, is_same_input, second_input, without_a_plan
 from agent.deadline import Deadline
 from agent.estimation import ESTIMATORS, GoalsName
 from agent.estimation.interface import known_goal
@@ -16,7 +17,10 @@ from agent.vehicle import Array
 from protocol.arrival import has_arrived
 from protocol.messages import Command, Mind, Observation, Phase, Positions, State
 from protocol.scene import Goal, Scene
-from protocol.vehicle import Input, Limits, braking_input
+from protocol.vehicle import STANDSTILL, Input, Limits, braking_input
+
+DOUBTFUL = 3
+"""So many of the last commands may have come too late without anything that showed it."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +97,7 @@ class Agent:
         self._planner = Planner(scene, robot, trajectories)
         self._arrived = False
         self._parked: set[str] = set()
-        self._given: _Given | None = None
-        self._given_before: _Given | None = None
+        self._given: deque[_Given] = deque(maxlen=DOUBTFUL + 1)
         self._solver_failures = 0
 
     def decide(self, observation: Observation) -> Decision | None:
@@ -108,6 +111,7 @@ class Agent:
             return None
         watch = Stopwatch(self._clock)
         self._deadline.begin()
+        self._forget_late_commands()
         self._arrived = self._arrived or self._is_at(self._goal, self._robot)
         thought = _Thought() if self._arrived else self._think(watch)
         self._solver_failures += len(thought.failed)
@@ -120,12 +124,12 @@ class Agent:
             acceleration_mps2=control.acceleration_mps2,
             then=then,
         )
-        self._given_before, self._given = self._given, _Given(command, self._speed_mps())
+        self._given.append(_Given(command, self._speed_mps()))
         return Decision(command, self._mind(observation, thought, watch))
 
     def withdraw(self) -> None:
         """Take back the command of the last decision, which came too late to be given."""
-        self._given = self._given_before
+        self._given.pop()
 
     def _think(self, watch: Stopwatch) -> _Thought:
         with watch.phase("estimate"):
@@ -155,13 +159,29 @@ class Agent:
         first = first_input(thought.plan, limits, previous, speed, step_s)
         return first, second_input(thought.plan, limits, first, speed, step_s)
 
+    def _forget_late_commands(self) -> None:
+        """Take back the commands that were not driven, as far as this robot's own motion shows it.
+
+        Noise can hide that, and so can steps that it did not see; then all of them count as driven.
+        """
+        seen = self._memory.previous_input(self._robot)
+        possible = [*map(self._driven_after, reversed(self._given)), STANDSTILL]
+        for late, driven in enumerate(possible):
+            if is_same_input(seen, driven, self._limits):
+                for _ in range(late):
+                    self.withdraw()
+                return
+
     def _previous_input(self) -> Input:
         """What this robot drove at the step before; recovered from poses until it has given a command."""
-        if self._given is None:
-            return self._memory.previous_input(self._robot)
-        command, speed = self._given
-        missed_steps = self._memory.step - command.step - 1
-        return driven_last(command, speed, missed_steps, self._limits, self._scene.step_s)
+        return (
+            self._driven_after(self._given[-1]) if self._given else self._memory.previous_input(self._robot)
+        )
+
+    def _driven_after(self, given: _Given) -> Input:
+        """What this robot drove at the step before if this was its last command in time."""
+        missed_steps = self._memory.step - given.command.step - 1
+        return driven_last(given.command, given.speed_mps, missed_steps, self._limits, self._scene.step_s)
 
     @property
     def _limits(self) -> Limits:

@@ -55,7 +55,7 @@ class Predictor:
         return Prediction(
             paths={robot: states[:, :2] for robot, states in moving.items()} | resting,
             inputs=dict(zip(free, solution.inputs, strict=True)),
-            starts={robot: solution.start_of(index) for index, robot in enumerate(free)},
+            starts={robot: solution.start(slice(index, index + 1)) for index, robot in enumerate(free)},
             states=moving,
             solved=solution.solved,
         )

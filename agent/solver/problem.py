@@ -109,18 +109,17 @@ class Solution:
     """How the rows of distances and area push each position, shape (M, K + 1, 2): Σ λ n over those rows, the
     negative gradient of what they add to the Lagrangian. In cost a metre."""
     pressures: Array
-    """Multipliers of the limits (eq. 9) on ω_k, a_k, their changes from k − 1 to k, and v_{k+1}: shape (M, K, 5).
-    Positive at the upper limit, negative at the lower one; zero where the solver does not know them."""
+    """Multipliers of the limits (eq. 9) on ω_k, a_k, their changes from k − 1 to k, and v_{k+1}, shape
+    (M, K, 5): positive at the upper limit, negative at the lower one; zero where the solver knows none."""
     objective: float
     violation_m: float
     solved: bool
     """Whether the solver found a (local) optimum; if not, the trajectories are not to be driven."""
     iterations: int
 
-    def start_of(self, index: int) -> Start:
-        """Where to start on a problem of one of the robots alone."""
-        alone = slice(index, index + 1)
-        return Start(self.inputs[alone], self.forces[alone], self.pressures[alone], warm=True)
+    def start(self, robots: slice = slice(None), *, warm: bool = True) -> Start:
+        """Where to start on a problem of all, or some, of these robots."""
+        return Start(self.inputs[robots], self.forces[robots], self.pressures[robots], warm)
 
 
 class JointSolver(Protocol):

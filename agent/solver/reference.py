@@ -55,7 +55,6 @@ class ReferenceSolver:
         result = program.solver(
             x0=_variables(problem, start.inputs, len(program.pairs)),
             p=_parameters(problem, program.pairs),
-            pressures=np.zeros((len(states), problem.steps, LIMITED_QUANTITIES)),
             **_bounds(problem, len(program.pairs)),
         )
         statistics = program.solver.stats()
@@ -67,6 +66,7 @@ class ReferenceSolver:
             inputs=inputs,
             states=states,
             forces=_forces(problem, states, np.asarray(result["lam_g"]).ravel(), program.pairs),
+            pressures=np.zeros((len(states), problem.steps, LIMITED_QUANTITIES)),
             objective=problem.objective(states),
             violation_m=problem.violation_m(states),
             solved=finite and bool(statistics["success"]),

@@ -13,7 +13,7 @@ another, and a symmetrical crossing begins as a roundabout instead of a deadlock
 
 
 def shifted(stages: Array) -> Array:
-    """Last step's inputs, forces or pressures of one robot, one step on; those of the new last stage are zero."""
+    """Last step's inputs, forces or pressures of one robot, one step on; the new last stage's are zero."""
     return np.concatenate([stages[1:], np.zeros_like(stages[:1])])
 
 

@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from rich.table import Table
 
-from agent.solver.problem import Start
 from fleet.bench.closed_loop import Solved, TimedSolver, cost, drive, passed_alike, shortfall_m
 from fleet.bench.durations import Record, Times
 from fleet.bench.layout import new_table, number
@@ -70,7 +69,7 @@ def _compare(scenario: Scenario, steps: int, watch: Watch) -> ComparisonRow:
     replayed = (judge.solve(each.problem, each.starts) for each in own)
     same = _followed(replayed, f"{scenario.name}, reference solver on the same problems", watch)
     # From where the other began: in symmetrical scenarios mirrored minima are equally good.
-    first = Start(own[0].solution.inputs, own[0].solution.forces, warm=False)
+    first = own[0].solution.start(warm=False)
     others = _followed(
         drive(scenario, judge, steps, first), f"{scenario.name}, reference solver drives", watch
     )

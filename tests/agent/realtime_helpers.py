@@ -113,7 +113,7 @@ def dense_program(program: Program) -> DenseProgram:
             here = slice(2 * stage, 2 * stage + 2)
             hessian[robot, here, robot, here] += [[turning, mixed], [mixed, speeding]]
     rows = np.zeros((len(program.rows.gap), robots, size))
-    for row, (i, j, k, normal, _) in enumerate(zip(*program.rows, strict=True)):
+    for row, (i, j, k, normal, _) in enumerate(zip(*program.rows[1:], strict=True)):
         rows[row, i] += normal @ jacobians[i, k]
         if j != NOBODY:
             rows[row, j] -= normal @ jacobians[j, k]

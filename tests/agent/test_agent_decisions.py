@@ -154,7 +154,8 @@ def test_failures_are_counted_and_answered_by_the_rule(solver, failing):
     agent = agent_of()
     solver.fails = {failing}
     first = decided(agent, 0, {"a": A, "b": B})
-    second = decided(agent, 1, {"a": A, "b": B})
+    then = tuple(euler(A, [first.command.input])[-1])
+    second = decided(agent, 1, {"a": then, "b": B})
     assert (first.mind.failed, first.mind.solver_failures) == ((failing,), 1)
     assert (second.mind.failed, second.mind.solver_failures) == ((failing,), 2)
     assert first.command.input == pytest.approx((-0.05, -0.7))

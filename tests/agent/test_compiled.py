@@ -8,7 +8,6 @@ from agent_helpers import problem_of
 
 from agent.deadline import Deadline
 from agent.solver import joint_solver
-from agent.solver.problem import Start
 from agent.solver.starts import cold_starts
 
 TRIES = 2000
@@ -32,7 +31,7 @@ def test_a_solution_does_not_depend_on_where_the_arrays_lie():
     solver = joint_solver("realtime", 2, Deadline(time.perf_counter, None))
     problem = crossing(4)
     first = solver.solve(problem, cold_starts(problem)[0])
-    start = Start(first.inputs, first.forces, warm=True)
+    start = first.start()
     others, found = [], set()
     for _ in range(TRIES):
         others += [np.empty(chance.randrange(1, LARGEST)) for _ in range(chance.randrange(6))]

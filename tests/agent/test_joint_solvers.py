@@ -155,7 +155,7 @@ def test_a_plan_among_the_jointly_predicted_paths_is_the_prediction(solver):
         alone = problem_of(
             joint.states[[ego]], joint.goals[[ego]], obstacles=together.states[others][:, :, :2]
         )
-        plan = solve(solver, alone, Start(together.inputs[[ego]], together.forces[[ego]], warm=True))
+        plan = solve(solver, alone, together.start(slice(ego, ego + 1)))
         assert plan.solved
         np.testing.assert_allclose(plan.states[0], together.states[ego], atol=0.01)
 

@@ -107,7 +107,7 @@ def test_the_joint_problem_holds_what_the_scene_and_the_memory_say():
 def test_everybody_is_predicted_jointly_and_keeps_the_distances(solver):
     prediction = Predictor(scene_of("abc"), solver, NEVER).predict(memory_of("abc"), GOALS, ())
     assert prediction.solved
-    for each in (prediction.paths, prediction.inputs, prediction.forces, prediction.states):
+    for each in (prediction.paths, prediction.inputs, prediction.starts, prediction.states):
         assert list(each) == ["a", "b", "c"]
     for robot in "abc":
         driven = euler(STATES[robot], prediction.inputs[robot])
@@ -140,7 +140,9 @@ def test_the_first_prediction_starts_cold_and_each_further_one_from_the_last_a_s
     assert warm.warm
     for row, robot in enumerate("ab"):
         np.testing.assert_array_equal(warm.inputs[row], [*first.inputs[robot][1:], (0.0, 0.0)])
-        np.testing.assert_array_equal(warm.forces[row], [*first.forces[robot][1:], (0.0, 0.0)])
+        np.testing.assert_array_equal(warm.forces[row], [*first.starts[robot].forces[0, 1:], (0.0, 0.0)])
+        pressures = first.starts[robot].pressures[0]
+        np.testing.assert_array_equal(warm.pressures[row], [*pressures[1:], np.zeros(5)])
 
 
 def test_the_first_prediction_is_the_best_of_the_cold_starts():
@@ -182,8 +184,10 @@ def test_robots_that_appear_start_cold_and_those_that_stay_start_warm():
         for row, kept in ((0, 0), (2, 1)):
             np.testing.assert_array_equal(start.inputs[row, :-1], solution.inputs[kept, 1:])
             np.testing.assert_array_equal(start.forces[row, :-1], solution.forces[kept, 1:])
+            np.testing.assert_array_equal(start.pressures[row, :-1], solution.pressures[kept, 1:])
         np.testing.assert_array_equal(start.inputs[1], unknown.inputs[1])
         assert not start.forces[1].any()
+        assert not start.pressures[1].any()
         assert not start.warm
     starts.forget()
     assert_same_starts(starts.starts(problem, ["a", "b", "c"]), colds)
@@ -201,7 +205,9 @@ def test_a_plan_leads_to_the_goal_it_was_given_among_the_predicted_paths():
     np.testing.assert_array_equal(problem.obstacles, [prediction.paths["b"], prediction.paths["c"]])
     assert start.warm
     np.testing.assert_array_equal(start.inputs, prediction.inputs["a"][None])
-    np.testing.assert_array_equal(start.forces, prediction.forces["a"][None])
+    assert start is prediction.starts["a"]
+    assert start.forces.any()
+    assert start.pressures.any()
     estimated, true = (np.linalg.norm(plan.states[-1, :2] - goal[:2]) for goal in (GOALS["a"], true_goal))
     assert true < estimated
     for robot in "bc":

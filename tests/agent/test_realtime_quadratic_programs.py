@@ -19,7 +19,12 @@ from realtime_helpers import (
 )
 
 from agent.solver.realtime.distances import NOBODY, Rows
-from agent.solver.realtime.interior_point import MOST_ITERATIONS, Outcome, Program, solve_program
+from agent.solver.realtime.interior_point import (
+    MOST_ITERATIONS,
+    Outcome,
+    Program,
+    solve_program,
+)
 from agent.solver.realtime.profiles import states_of
 from agent.solver.realtime.sequential import program_about
 from agent.solver.realtime.solver import PENALTY_PER_M, TOLERANCE
@@ -67,12 +72,14 @@ def random_program(random: np.random.Generator, robots: int, steps: int, rows: i
         low=-low,
         high=high,
         rows=Rows(
+            random.integers(1, rows + 2),
             first,
             np.where(second == first, NOBODY, second),
             random.integers(2, steps + 1, size=rows),
             np.column_stack([np.cos(angles), np.sin(angles)]),
             random.normal(scale=0.3, size=rows),
         ),
+        forces=random.normal(scale=10.0, size=(robots, steps + 1, 2)),
         penalty=10.0 ** random.uniform(1.0, 4.0),
         step_s=STEP_S,
     )
@@ -159,12 +166,15 @@ def test_distances_that_cannot_be_kept_cost_their_price_and_no_more(recorded):
 
 
 def test_multipliers_of_the_solution_make_solving_again_quick(recorded):
-    for program in recorded[::5]:
-        cold = solve(program, TOLERANCE)
-        again = solve_program(program, cold.pressures, TOLERANCE)
+    iterations = {"first": 0, "again": 0}
+    for program in recorded:
+        first = solve(program, TOLERANCE)
+        again = solve_program(program._replace(forces=first.forces), first.pressures, TOLERANCE)
         assert again.solved
-        assert again.iterations <= cold.iterations
-        np.testing.assert_allclose(again.change, cold.change, atol=0.02)
+        np.testing.assert_allclose(again.change, first.change, atol=0.02)
+        iterations["first"] += first.iterations
+        iterations["again"] += again.iterations
+    assert iterations["again"] < 0.9 * iterations["first"]
 
 
 def test_the_same_program_has_the_same_solution_bit_for_bit(recorded):
@@ -210,14 +220,14 @@ def test_a_hessian_that_is_not_positive_definite_is_not_solved(recorded):
 def test_robots_without_any_row_are_solved_on_their_own(recorded):
     """Together or alone: nothing but rows connects them."""
     program = recorded[3]
-    free = program._replace(rows=Rows(*(each[:0] for each in program.rows)))
+    free = program._replace(rows=Rows(0, *(each[:0] for each in program.rows[1:])))
     together = solve(free)
     for robot in range(len(free.gradients)):
         alone = solve(
             free._replace(
                 **{
                     part: getattr(free, part)[[robot]]
-                    for part in ("blocks", "gradients", "arms", "low", "high")
+                    for part in ("blocks", "gradients", "arms", "low", "high", "forces")
                 }
             )
         )

@@ -103,7 +103,7 @@ def test_from_a_warm_start_it_makes_no_more_iterations_than_it_is_told(most):
 def test_it_stops_early_where_little_is_left_to_gain():
     problem = crossing()
     converged = solve(problem)
-    again = solve(problem, Start(converged.inputs, converged.forces, warm=True), iterations=20)
+    again = solve(problem, converged.start(), iterations=20)
     assert again.iterations <= 2
     assert again.objective == pytest.approx(converged.objective, rel=1e-4)
 
@@ -183,7 +183,8 @@ def test_the_layout_of_arrays_in_memory_changes_nothing_and_compiles_nothing():
     for layout in (np.asfortranarray, strided):
         other = replace(problem, **{field: layout(getattr(problem, field)) for field in FIELDS})
         start = cold(problem)
-        start = replace(start, inputs=layout(start.inputs), forces=layout(start.forces))
+        parts = {part: layout(getattr(start, part)) for part in ("inputs", "forces", "pressures")}
+        start = replace(start, **parts)
         assert_same(solve(other, start), expected)
     assert compiled() == before
 

@@ -7,7 +7,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from agent.solver.problem import Start
 from fleet.bench.closed_loop import Solved, TimedSolver, cost, drive, passed_alike, shortfall_m
 from fleet.bench.crossings import circle
 from fleet.bench.durations import Distribution, Duration, Timer, Times
@@ -34,7 +33,7 @@ def turned(loop, sides):
     inputs = start.inputs.copy()
     inputs[:, :, 0] = np.array(sides)[:, None] * 0.4
     inputs[:, :15, 1] = 2.0
-    return Start(inputs, np.zeros_like(start.forces), warm=False)
+    return replace(start, inputs=inputs)
 
 
 def test_distributions_are_those_of_numpy():
@@ -122,7 +121,6 @@ def test_loops_are_alike_whatever_the_direction_in_which_their_lines_end(loop):
 
 
 def test_a_loop_begins_where_it_is_told_to(loop):
-    solution = loop[-1].solution
-    start = Start(solution.inputs, solution.forces, warm=False)
+    start = loop[-1].solution.start(warm=False)
     (first,) = drive(load_scenario(find("2-crossing")), TimedSolver("realtime"), 1, start)
     assert first.starts == [start]

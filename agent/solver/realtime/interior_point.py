@@ -33,14 +33,13 @@ from agent.vehicle import Array, Booleans, Integers
 NEAR_M = 0.05
 """Rows with a smaller gap take part from the beginning."""
 TIGHT_M = 0.02
-"""Rows whose linearised gap falls below this during the iterations begin to take part."""
-SPREAD_M = 0.05
+"""Rows whose linearised gap falls below this during the iterations begin to take part; of the rows of one
+pair of robots, those that are worse than the worst by no more than this."""
 TO_BOUNDARY = 0.995
 """Part of the way to the nearest bound that a step may go."""
-FIRST_MEAN = 3.0
-"""Product of each slack and its multiplier at the beginning, where nothing is known of multipliers."""
-FIRST_MEAN_EXPECTED = 0.1
-"""The same where multipliers are expected."""
+FIRST_MEAN = 2.0
+"""Product of each slack and its multiplier at the beginning: less is faster where little changes, and much
+slower where much does."""
 FIRST_MEAN_PER_M = 1e3
 """The same for each metre by which a row is violated: its multiplier may have to grow as large as ρ."""
 LEAST_SLACK = 0.2
@@ -130,13 +129,12 @@ class Outcome(NamedTuple):
 
 
 @kernel
-def solve_program(program: Program, pressures: Array, first_mean: float, tolerance: float) -> Outcome:
+def solve_program(program: Program, pressures: Array, tolerance: float) -> Outcome:
     """Solve the program from d = 0, to a tolerance on stationarity, feasibility and complementarity.
 
     Args:
         program: the data.
         pressures: multipliers of the limits to expect, shape (2, M, 5K); zero where nothing is known.
-        first_mean: product of each slack and its multiplier at the beginning, at least.
         tolerance: the same for all conditions.
     """
     robots, size = program.gradients.shape
@@ -144,7 +142,7 @@ def solve_program(program: Program, pressures: Array, first_mean: float, toleran
     iterate, direction = _empty(robots, size, capacity), _empty(robots, size, capacity)
     system = _empty_system(robots, size, capacity)
     taken = np.zeros(len(program.rows.gap), np.bool_)
-    count = _begin(program, iterate, pressures, first_mean, taken)
+    count = _begin(program, iterate, pressures, taken)
     solved, iterations = False, 0
     while not solved and iterations < MOST_ITERATIONS:
         _set_residuals(program, iterate, count, system)
@@ -198,8 +196,9 @@ def _empty_system(robots: int, size: int, capacity: int) -> System:
 
 
 @kernel
-def _begin(program: Program, iterate: Iterate, pressures: Array, mean: float, taken: Booleans) -> int:
+def _begin(program: Program, iterate: Iterate, pressures: Array, taken: Booleans) -> int:
     """Begin near the central path: with the expected multipliers, and products of at least a first mean."""
+    mean = FIRST_MEAN
     for gap in program.rows.gap:
         mean = max(mean, -FIRST_MEAN_PER_M * gap)
     for robot in range(len(program.low)):
@@ -218,29 +217,38 @@ def _begin(program: Program, iterate: Iterate, pressures: Array, mean: float, ta
 def _let_in(
     program: Program, iterate: Iterate, taken: Booleans, count: int, threshold: float, mean: float
 ) -> int:
-    """Let rows with a gap below the threshold take part, as if complementarity held; return their number."""
+    """Let rows with a gap below the threshold take part, worst ones first; return how many do."""
     shifts, gaps = np.zeros((len(iterate.change), iterate.change.shape[1] // 2 + 1, 2)), np.empty(len(taken))
     for robot in range(len(shifts)):
         displacements(program.arms[robot], iterate.change[robot], shifts[robot])
     gaps_after(program.rows, shifts, gaps)
-    each = program.rows.each
-    for pair in range(each):
-        least = threshold
-        for row in range(pair, len(taken), each):
-            if not taken[row]:
-                least = min(least, gaps[row])
-        for row in range(pair, len(taken), each):
+    for pair in range(program.rows.each):
+        limit = _limit_of(gaps, taken, pair, program.rows.each, threshold)
+        for row in range(pair, len(taken), program.rows.each):
             # What is not a number takes part too, and ends the iterations.
-            if not (gaps[row] >= threshold or gaps[row] > least + SPREAD_M or taken[row]) and count < len(iterate.force):
+            if not (gaps[row] >= limit or taken[row]) and count < len(iterate.force):
                 taken[row] = True
-                iterate.taking_part[count] = row
                 slack = max(gaps[row], LEAST_GAP_M)
                 force = min(max(mean / slack, _expected_force(program, row)), 0.5 * program.penalty)
+                iterate.taking_part[count] = row
                 iterate.row_slack[count] = max(gaps[row], mean / force)
                 iterate.force[count] = force
-                iterate.violation[count] = mean / (program.penalty - iterate.force[count])
+                iterate.violation[count] = mean / (program.penalty - force)
                 count += 1
     return count
+
+
+@kernel
+def _limit_of(gaps: Array, taken: Booleans, pair: int, each: int, threshold: float) -> float:
+    """The gap from which rows of a pair are left out for now.
+
+    Once the worst row holds, its neighbours in time mostly hold too.
+    """
+    limit = threshold
+    for row in range(pair, len(gaps), each):
+        if not taken[row]:
+            limit = min(limit, gaps[row] + TIGHT_M)
+    return limit
 
 
 @kernel
@@ -294,8 +302,8 @@ def _set_residuals(program: Program, iterate: Iterate, count: int, system: Syste
 def _largest_residual(iterate: Iterate, system: System, count: int) -> float:
     """Stationarity is judged relative to large multipliers, whose rounding errors it holds."""
     scale = max(1.0, iterate.pressure.mean() / LARGE)
-    worst = max(_largest(system.stationarity.ravel()) / scale, _largest(system.limits.ravel()))
-    return max(worst, _largest(system.rows[:count]))
+    robots: float = max(_largest(system.stationarity.ravel()) / scale, _largest(system.limits.ravel()))
+    return max(robots, _largest(system.rows[:count]))
 
 
 @kernel
@@ -303,7 +311,7 @@ def _largest(values: Array) -> float:
     """The largest size of all; not a number where one of them is none."""
     largest = 0.0
     for value in values:
-        size = abs(value)
+        size: float = abs(value)
         if not size <= largest:
             largest = size
         if size != size:

@@ -7,7 +7,7 @@ import numpy as np
 from agent.compiled import kernel
 from agent.solver.realtime.cost import blocks_of, cost_of, gradient_of
 from agent.solver.realtime.distances import gaps_after, rows_about, violation_of
-from agent.solver.realtime.interior_point import FIRST_MEAN, Outcome, Program, solve_program
+from agent.solver.realtime.interior_point import Outcome, Program, solve_program
 from agent.solver.realtime.limits import bounds_of, limited_quantities
 from agent.solver.realtime.profiles import arms_of, displacements, moved
 from agent.vehicle import Array
@@ -79,7 +79,6 @@ def improve(
     states: Array,
     forces: Array,
     pressures: Array,
-    first_mean: float,
     penalty: float,
     tolerance: float,
 ) -> tuple[Array, Array, Array, float, bool]:
@@ -90,7 +89,6 @@ def improve(
         states: a trajectory within the limits, shape (M, K + 1, 4).
         forces: constraint forces to expect, shape (M, K + 1, 2).
         pressures: multipliers of the limits to expect, shape (2, M, 5K).
-        first_mean: product of slacks and multipliers to begin with; the less, the better they are known.
         penalty: price of a violated metre in the quadratic program.
         tolerance: of its optimality conditions.
 
@@ -100,9 +98,9 @@ def improve(
         the states are the old ones.
     """
     program = program_about(data, states, forces, penalty)
-    outcome = solve_program(program, pressures, first_mean, tolerance)
+    outcome = solve_program(program, pressures, tolerance)
     if not outcome.solved:  # where limits leave no room, pressures have no bound and are no start
-        outcome = solve_program(program, np.zeros_like(pressures), FIRST_MEAN, tolerance)
+        outcome = solve_program(program, np.zeros_like(pressures), tolerance)
     if not outcome.solved:
         return states, forces, pressures, 0.0, False
     there, promised = _followed(data, program, states, outcome)

@@ -5,7 +5,6 @@ import numpy as np
 from agent.deadline import Deadline
 from agent.solver.problem import LIMITED_QUANTITIES, JointProblem, Solution, Start
 from agent.solver.realtime.distances import violation_of
-from agent.solver.realtime.interior_point import FIRST_MEAN, FIRST_MEAN_EXPECTED
 from agent.solver.realtime.profiles import inputs_of, states_of
 from agent.solver.realtime.sequential import Data, improve
 from agent.solver.starts import within_limits
@@ -47,17 +46,23 @@ class RealTimeSolver:
         forces = _compact(start.forces)
         pressures = _by_side(start.pressures)
         most, least = (self._iterations, CONVERGED) if start.warm else (COLD_ITERATIONS, CONVERGED_COLD)
-        first_mean = FIRST_MEAN_EXPECTED if start.warm else FIRST_MEAN
         given = (states, start.inputs, problem.previous_inputs)
         solved, iterations = all(bool(np.isfinite(each).all()) for each in given), 0
         while solved and iterations < most and not (iterations and self._deadline.passed):
             states, forces, pressures, promised, solved = improve(
-                data, states, forces, pressures, first_mean, PENALTY_PER_M, TOLERANCE
+                data, states, forces, pressures, PENALTY_PER_M, TOLERANCE
             )
             iterations += 1
-            if promised <= least and violation_of(states, data.obstacles, data.safety_distances, data.area) <= FEASIBLE_M:
+            if (
+                promised <= least
+                and violation_of(states, data.obstacles, data.safety_distances, data.area) <= FEASIBLE_M
+            ):
                 break
         return _solution(problem, states, forces, pressures, solved, iterations)
+
+
+def _is_feasible(data: Data, states: Array) -> bool:
+    return violation_of(states, data.obstacles, data.safety_distances, data.area) <= FEASIBLE_M
 
 
 def _by_side(pressures: Array) -> Array:
