@@ -221,4 +221,4 @@ class Agent:
 
 
 def _as_path(positions: Array) -> Positions:
-    return tuple((float(x), float(y)) for x, y in positions[:, :2])
+    return tuple(map(tuple, positions[:, :2].tolist()))

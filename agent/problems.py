@@ -36,9 +36,7 @@ def joint_problem(
         goals=np.array(list(goals.values())),
         limits=tuple(scene.robot(robot).limits for robot in robots),
         obstacles=np.array(list(paths.values())).reshape(-1, steps + 1, 2),
-        safety_distances=np.array(
-            [[scene.safety_distance_m(one, other) for other in (*robots, *paths)] for one in robots]
-        ),
+        safety_distances=np.array(scene.safety_distances_m(robots, (*robots, *paths))),
         area=np.array([[scene.area.x_min_m, scene.area.y_min_m], [scene.area.x_max_m, scene.area.y_max_m]]),
         weights=np.array(scene.weights.as_tuple()),
         steps=steps,

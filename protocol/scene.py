@@ -1,5 +1,6 @@
 """The public scene: what every robot and the world agree on before a run. Its one schema stands here."""
 
+from collections.abc import Iterable
 from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -117,3 +118,8 @@ class Scene(Rules):
     def safety_distance_m(self, one: str, other: str) -> float:
         """Centres are planned to stay this far apart: d of eq. 10 (published: 1.39 m)."""
         return self.collision_distance_m(one, other) + 2.0 * self.safety_margin_m
+
+    def safety_distances_m(self, ones: Iterable[str], others: Iterable[str]) -> list[list[float]]:
+        """The same for each of some robots, and each of others."""
+        first, second = ([self.robot(each).radius_m for each in robots] for robots in (ones, others))
+        return [[one + other + 2.0 * self.safety_margin_m for other in second] for one in first]

@@ -94,8 +94,7 @@ def _rules(scene: Scene, robots: Sequence[str]) -> tuple[Array, Array]:
         ]
         lowest = [area.x_min_m, area.y_min_m, *(-bound for bound in symmetric)]
         limits.append([lowest, [area.x_max_m, area.y_max_m, *symmetric]])
-    distances = [[scene.safety_distance_m(one, other) for other in robots] for one in robots]
-    return np.array(limits), np.array(distances)
+    return np.array(limits), np.array(scene.safety_distances_m(robots, robots))
 
 
 @kernel

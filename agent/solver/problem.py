@@ -5,6 +5,7 @@ move as told. Prediction frees all robots; planning frees the ego and lets the o
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -48,18 +49,18 @@ class JointProblem:
     step_s: float
     """Δt in s."""
 
-    @property
+    @cached_property
     def input_bounds(self) -> Array:
         """Largest |ω| and |a|, shape (M, 2)."""
         return np.array([(each.turn_rate_radps, each.acceleration_mps2) for each in self.limits])
 
-    @property
+    @cached_property
     def rate_bounds(self) -> Array:
         """Largest change of ω and a in a step, shape (M, 2)."""
         rates = np.array([(each.turn_acceleration_radps2, each.jerk_mps3) for each in self.limits])
         return rates * self.step_s
 
-    @property
+    @cached_property
     def speed_bounds(self) -> Array:
         """Largest |v|, shape (M,)."""
         return np.array([each.speed_mps for each in self.limits])

@@ -15,7 +15,7 @@ from agent.solver.realtime.distances import (
     add_forces,
     gaps_after,
     rows_about,
-    violation_of,
+    violations_of,
 )
 
 AREA = np.array([[-5.0, -4.0], [6.0, 7.0]])
@@ -98,10 +98,11 @@ def test_forces_are_the_transpose_of_the_gaps_and_add(seed, robots, obstacles, s
 
 
 @given(seeds, robots_, obstacles_, steps_)
-def test_the_violation_is_the_sum_of_all_shortfalls(seed, robots, obstacles, steps):
+def test_violations_are_the_sum_and_the_largest_of_all_shortfalls(seed, robots, obstacles, steps):
     _, states, others, safe = a_crowd(seed, robots, obstacles, steps)
-    shortfall = sum(max(-gap, 0.0) for gap in true_gaps(states, others, safe).values())
-    assert violation_of(states, others, safe, AREA) == pytest.approx(shortfall, abs=1e-12)
+    shortfalls = [max(-gap, 0.0) for gap in true_gaps(states, others, safe).values()]
+    expected = (sum(shortfalls), max(shortfalls, default=0.0))
+    assert violations_of(states, others, safe, AREA) == pytest.approx(expected, abs=1e-12)
 
 
 def test_normals_point_to_the_first_robot_and_into_the_area():

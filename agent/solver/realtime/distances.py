@@ -85,22 +85,27 @@ def _set(rows: Rows, at: int, i: int, j: int, k: int, here: Array, there: Array,
 
 
 @kernel
-def violation_of(states: Array, obstacles: Array, safety_distances: Array, area: Array) -> float:
-    """Sum of all shortfalls of distances and all excursions from the area, in m."""
+def violations_of(
+    states: Array, obstacles: Array, safety_distances: Array, area: Array
+) -> tuple[float, float]:
+    """Sum and largest of all shortfalls of distances and all excursions from the area, in m."""
     robots, stages = states.shape[:2]
-    total = 0.0
+    total, largest = 0.0, 0.0
     for k in range(FIRST_FREE_STAGE, stages):
         for i in range(robots):
             x, y = states[i, k, 0], states[i, k, 1]
             for j in range(i + 1, robots):
                 gap = math.sqrt((x - states[j, k, 0]) ** 2 + (y - states[j, k, 1]) ** 2)
-                total += max(safety_distances[i, j] - gap, 0.0)
+                short = max(safety_distances[i, j] - gap, 0.0)
+                total, largest = total + short, max(largest, short)
             for o in range(len(obstacles)):
                 gap = math.sqrt((x - obstacles[o, k, 0]) ** 2 + (y - obstacles[o, k, 1]) ** 2)
-                total += max(safety_distances[i, robots + o] - gap, 0.0)
-            total += max(area[0, 0] - x, 0.0) + max(x - area[1, 0], 0.0)
-            total += max(area[0, 1] - y, 0.0) + max(y - area[1, 1], 0.0)
-    return total
+                short = max(safety_distances[i, robots + o] - gap, 0.0)
+                total, largest = total + short, max(largest, short)
+            for axis in range(2):
+                outside = max(area[0, axis] - states[i, k, axis], states[i, k, axis] - area[1, axis], 0.0)
+                total, largest = total + outside, max(largest, outside)
+    return total, largest
 
 
 @kernel

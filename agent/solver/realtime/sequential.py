@@ -6,7 +6,7 @@ import numpy as np
 
 from agent.compiled import kernel
 from agent.solver.realtime.cost import blocks_of, cost_of, gradient_of
-from agent.solver.realtime.distances import gaps_after, rows_about, violation_of
+from agent.solver.realtime.distances import gaps_after, rows_about, violations_of
 from agent.solver.realtime.interior_point import Outcome, Program, solve_program
 from agent.solver.realtime.limits import bounds_of, limited_quantities
 from agent.solver.realtime.profiles import arms_of, displacements, moved
@@ -68,9 +68,8 @@ def program_about(data: Data, states: Array, forces: Array, penalty: float) -> P
 @kernel
 def merit_of(data: Data, states: Array, price: float) -> float:
     """Cost plus the price of all violations a metre."""
-    return cost_of(states, data.goals, data.weights) + price * violation_of(
-        states, data.obstacles, data.safety_distances, data.area
-    )
+    violation, _ = violations_of(states, data.obstacles, data.safety_distances, data.area)
+    return cost_of(states, data.goals, data.weights) + price * violation
 
 
 @kernel
@@ -115,7 +114,7 @@ def _followed(data: Data, program: Program, states: Array, outcome: Outcome) -> 
     more, since a higher price shortens steps along curved boundaries.
     """
     price = LEAST_PRICE + 2.0 * outcome.largest_force
-    violation = violation_of(states, data.obstacles, data.safety_distances, data.area)
+    violation, _ = violations_of(states, data.obstacles, data.safety_distances, data.area)
     merit = cost_of(states, data.goals, data.weights) + price * violation
     left = _violation_left(program, outcome.change)
     promised = price * (violation - left) - _modelled_increase(program, outcome.change)

@@ -4,7 +4,7 @@ import numpy as np
 
 from agent.deadline import Deadline
 from agent.solver.problem import LIMITED_QUANTITIES, JointProblem, Solution, Start
-from agent.solver.realtime.distances import violation_of
+from agent.solver.realtime.distances import violations_of
 from agent.solver.realtime.profiles import inputs_of, states_of
 from agent.solver.realtime.sequential import Data, improve
 from agent.solver.starts import within_limits
@@ -18,8 +18,8 @@ TOLERANCE = 1e-5
 CONVERGED = 5e-4
 """From a warm start, a step that promises to decrease the merit by no more than this, relative to it, is the
 last: near the optimum, what remains after a step is a hundred times less."""
-FEASIBLE_M = 3e-4
-"""A trajectory with a larger sum of violated distances is iterated on."""
+FEASIBLE_M = 8e-4
+"""A trajectory that violates a distance by more is iterated on."""
 CONVERGED_COLD = 1e-6
 """The same from a cold start."""
 COLD_ITERATIONS = 30
@@ -53,16 +53,14 @@ class RealTimeSolver:
                 data, states, forces, pressures, PENALTY_PER_M, TOLERANCE
             )
             iterations += 1
-            if (
-                promised <= least
-                and violation_of(states, data.obstacles, data.safety_distances, data.area) <= FEASIBLE_M
-            ):
+            if promised <= least and _is_feasible(data, states):
                 break
         return _solution(problem, states, forces, pressures, solved, iterations)
 
 
 def _is_feasible(data: Data, states: Array) -> bool:
-    return violation_of(states, data.obstacles, data.safety_distances, data.area) <= FEASIBLE_M
+    _, largest_m = violations_of(states, data.obstacles, data.safety_distances, data.area)
+    return largest_m <= FEASIBLE_M
 
 
 def _by_side(pressures: Array) -> Array:
