@@ -16,7 +16,7 @@ from agent.solver import SolverName
 from agent.warm import compile_in_background, warm_up
 from protocol.codec import decode, encode
 from protocol.keys import Keys
-from protocol.messages import Observation, PublicScene
+from protocol.messages import Message, Observation, PublicScene
 from protocol.scene import Goal, Scene
 from protocol.session import open_in_background, robot_session
 
@@ -149,11 +149,15 @@ class RobotProcess:
         decision = agent.decide(observation)
         if decision is None:
             return
-        session.put(self._keys.mind(self._options.robot), encode(decision.mind))
+        self._put(session, self._keys.mind(self._options.robot), decision.mind)
         if self._inbox.has_news():
             agent.withdraw()
             self._late.add(observation.step)
         else:
-            session.put(self._keys.command(self._options.robot), encode(decision.command))
+            self._put(session, self._keys.command(self._options.robot), decision.command)
         if decision.mind.failed:
             self._log.warning("not solved", step=observation.step, phases=decision.mind.failed)
+
+    def _put(self, session: zenoh.Session, key: str, message: Message) -> None:
+        """Unlike poses, of which the latest counts, these are not to be lost where a reader is slow."""
+        session.put(key, encode(message), congestion_control=zenoh.CongestionControl.BLOCK)

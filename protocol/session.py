@@ -47,10 +47,27 @@ class Unicast(_ZenohSettings):
     accept_pending: int = 1000
 
 
+class QueueSizes(_ZenohSettings):
+    """Batches of 64 KiB that wait for a slow reader, at the priorities that are used; 16 is the most.
+
+    Eight robots say a batch a step. The default of two loses messages as soon as a recorder pauses.
+    """
+
+    real_time: int = 16
+    data: int = 16
+
+
+class Queue(_ZenohSettings):
+    """Of what is to be sent."""
+
+    size: QueueSizes = QueueSizes()
+
+
 class Sending(_ZenohSettings):
-    """Keep-alive lease in ms."""
+    """Keep-alive lease in ms, and room for messages."""
 
     lease: int = LEASE_MS
+    queue: Queue = Queue()
 
 
 class Receiving(_ZenohSettings):

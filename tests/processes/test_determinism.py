@@ -1,5 +1,10 @@
 """The same experiment drives the same way, in processes and in virtual time."""
 
+import os
+import subprocess
+import sys
+from contextlib import contextmanager
+
 import pytest
 from process_helpers import bundled_with, recorded
 
@@ -48,6 +53,28 @@ def test_whole_runs_in_processes_and_in_virtual_time_agree_bit_for_bit(bench, na
     processes = drive(bench, "run", "run", name)
     assert len(processes) > 100
     assert processes == drive(bench, "simulate", "simulate", name)
+
+
+@contextmanager
+def busy_machine():
+    """Other processes want each core several times over."""
+    burners = [
+        subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * (os.cpu_count() or 1))
+    ]
+    try:
+        yield
+    finally:
+        for burner in burners:
+            burner.kill()
+            burner.wait()
+
+
+@pytest.mark.slow
+def test_a_recording_is_complete_although_the_machine_is_busy(bench):
+    """As in virtual time, which loses nothing."""
+    with busy_machine():
+        processes = drive(bench, "run", "run", "8a")
+    assert processes.keys() == drive(bench, "simulate", "simulate", "8a").keys()
 
 
 def test_noise_follows_the_seed_and_nothing_else(tmp_path, bench):
