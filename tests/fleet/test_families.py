@@ -71,11 +71,19 @@ def test_a_seed_gives_one_scenario_and_another_seed_another(
 
 
 @given(any_drawn())
-def test_positions_are_whole_millimetres_without_a_negative_zero(scenario: Scenario) -> None:
+def test_positions_are_whole_millimetres(scenario: Scenario) -> None:
     for robot in scenario.robots:
         for value in (robot.start.x_m, robot.start.y_m, robot.goal.x_m, robot.goal.y_m):
             assert value == round(value, 3)
-            assert str(value) != "-0.0"
+
+
+def test_a_robot_on_an_axis_heads_along_it_and_not_half_a_turn_the_other_way_round() -> None:
+    class Unturned:
+        def uniform(self, _low: float, _high: float) -> float:
+            return 0.0
+
+    headings = [robot.start_state()[2] for robot in FAMILIES["circle"](2, Unturned()).robots]
+    assert [str(heading) for heading in headings] == [str(math.pi), "0.0"]
 
 
 @given(any_drawn("perimeter", "circle", "corridor", "intersection", "heterogeneous"))
