@@ -17,7 +17,7 @@ from protocol.scenario_file import scenario_text
 def generate(family: FamilyName, robots: Sequence[int], count: int, seed: int) -> dict[str, Scenario]:
     """Scenarios by name, such as ``circle-8-03``: of this family, the third with eight robots.
 
-    Each has draws of its own, so a larger count adds scenarios and changes none.
+    Each has draws of its own, so with a larger count the robots of the first ones stay the same.
 
     Args:
         family: of all of them.
@@ -52,7 +52,7 @@ def write_suite(directory: Path, scenarios: Mapping[str, Scenario], comment: str
         OutputError: the directory holds something or cannot be written.
     """
     directory = directory.resolve()
-    beside = directory.with_name(f".{directory.name}-{secrets.token_hex(4)}")
+    beside = directory.parent / f".{directory.name}-{secrets.token_hex(4)}"
     try:
         if directory == Path.cwd():
             raise OutputError(f"{directory} is where you are; name a new directory in it with --out")

@@ -124,6 +124,10 @@ def test_a_directory_that_cannot_be_made_is_refused() -> None:
     assert "file/mine cannot be used for the output: Not a directory" in result.stderr
 
 
+def test_the_root_directory_is_refused_as_any_other_that_holds_something() -> None:
+    assert "/ is not empty" in scenarios("generate", "--out", "/").stderr
+
+
 def test_the_directory_where_one_stands_is_not_replaced() -> None:
     result = scenarios("generate", "--out", ".")
     assert result.exit_code == 2
