@@ -19,6 +19,7 @@ from fleet.conduct import Stream, conduct
 from fleet.experiment import Experiment, prepare
 from fleet.live import run_processes
 from fleet.simulation import simulate as simulate_messages
+from fleet.suites.command import app as scenarios
 from protocol.scenario_file import ScenarioError
 from world.process import ClockKind, ExitStatus
 
@@ -124,6 +125,7 @@ def simulate(
 app.command("world")(world.__main__.main)
 app.command("agent")(agent.__main__.main)
 app.command("bench")(bench)
+app.add_typer(scenarios, name="scenarios")
 
 
 def _tell_version(wanted: bool) -> None:

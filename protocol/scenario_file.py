@@ -1,9 +1,11 @@
-"""Scenario files: YAML in, a valid scenario or one exception for people out."""
+"""Scenario files: YAML in, a valid scenario or one exception for people out; and the way back."""
 
+import math
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
@@ -56,6 +58,41 @@ def load_scenario(path: Path) -> Scenario:
         return Scenario.model_validate(tree.value)
     except ValidationError as error:
         raise ScenarioError(_tell(path, tree, error.errors(include_url=False))) from None
+
+
+def scenario_text(scenario: Scenario) -> str:
+    """A file that ``load_scenario`` reads as this scenario: one line a robot, defaults left out."""
+    rules = scenario.model_dump(exclude_defaults=True)
+    name, robots = rules.pop("name"), rules.pop("robots")
+    lines = [_yaml({key: value}, inline=False) for key, value in {"name": name, **_written(rules)}.items()]
+    lines.append("robots:\n")
+    for robot in _written(robots):
+        in_order = {key: robot[key] for key in ("id", "start", "goal")} | robot
+        lines.append(f"  - {_yaml(in_order, inline=True)}")
+    return "".join(lines)
+
+
+def _yaml(fields: dict[str, Any], *, inline: bool) -> str:
+    """A map as YAML in one line: with its braces, or as a field of the file."""
+    of_maps = any(isinstance(value, dict) for value in fields.values())
+    style = True if inline else None if of_maps else False  # PyYAML: None puts the innermost maps into braces
+    return yaml.safe_dump(
+        fields, default_flow_style=style, sort_keys=False, allow_unicode=True, width=math.inf
+    )
+
+
+def _written(value: Any) -> Any:
+    """Numbers as a person writes them: 4 for 4.0, and the id 1 for '1'."""
+    match value:
+        case dict():
+            return {key: _written(part) for key, part in value.items()}
+        case list():
+            return [_written(part) for part in value]
+        case str() if value.isdecimal() and str(int(value)) == value:
+            return int(value)
+        case float() if value.is_integer() and str(value) != "-0.0":  # there is no whole number −0
+            return int(value)
+    return value
 
 
 def _read_text(path: Path) -> str:

@@ -1,0 +1,1 @@
+"""Suites: scenarios that are evaluated together, read from files or made by families."""
