@@ -21,8 +21,8 @@ WRONG_USAGE = 2
 FAILED = 3
 ITERATIONS_HELP = "Most iterations of the real-time solver for one trajectory problem at one step."
 GOALS_HELP = (
-    "How robots come to know what the others will do: by goals, exchanged before the run or estimated, or by a "
-    "baseline that asks for no goals."
+    "How robots come to know what the others will do: by goals, exchanged before the run or estimated, or by "
+    "a baseline that asks for no goals."
 )
 BUDGET_HELP = "Milliseconds after which the real-time solver improves a decision no further."
 
