@@ -45,6 +45,6 @@ $(VENV)/ready: pyproject.toml constraints.txt
 	@touch $@
 
 $(VENV)/ready-for-tests: $(VENV)/ready tests/deploy/compose-tool.txt
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[dev]"
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[dev,orca]"
 	$(BIN)/python -m pip install --quiet --require-hashes --no-deps --requirement tests/deploy/compose-tool.txt
 	@touch $@

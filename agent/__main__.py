@@ -7,6 +7,7 @@ import typer
 import zenoh
 
 from agent.estimation import GoalsName
+from agent.orca import is_available
 from agent.process import RobotOptions, RobotProcess, SceneError
 from agent.solver import ITERATIONS, SolverName
 from agent.warm import CompilingError
@@ -19,6 +20,10 @@ from protocol.signals import on_wish_to_end
 WRONG_USAGE = 2
 FAILED = 3
 ITERATIONS_HELP = "Most iterations of the real-time solver for one trajectory problem at one step."
+GOALS_HELP = (
+    "How robots come to know what the others will do: by goals, exchanged before the run or estimated, or by "
+    "a baseline that asks for no goals."
+)
 BUDGET_HELP = "Milliseconds after which the real-time solver improves a decision no further."
 
 
@@ -48,6 +53,20 @@ def parse_goal(text: str) -> Goal:
             f"{text!r} found, x,y,heading is expected: three numbers in metres, metres and radians, "
             "such as 4,-4,-0.785"
         ) from None
+
+
+def checked_goals(value: GoalsName) -> GoalsName:
+    """A method that can be used here.
+
+    Raises:
+        typer.BadParameter: its library is not installed.
+    """
+    if value == "orca" and not is_available():
+        raise typer.BadParameter(
+            "orca needs the library pyrvo, which is not installed; in the clone, install it by "
+            "pip install '.[orca]'"
+        )
+    return value
 
 
 def checked_budget(value: float | None) -> float | None:
@@ -86,7 +105,8 @@ def main(
         GoalsName,
         typer.Option(
             envvar="UNSPOKEN_GOALS",
-            help="How the goals of all robots are estimated.",
+            callback=checked_goals,
+            help=GOALS_HELP,
         ),
     ] = "ioc",
     solver: Annotated[

@@ -21,7 +21,7 @@ def first_input(plan: Plan, limits: Limits, previous: Input, speed_mps: float, s
     return _within_limits(plan.inputs[0], limits, previous, speed_mps, step_s)
 
 
-def second_input(plan: Plan, limits: Limits, first: Input, speed_mps: float, step_s: float) -> Input:
+def second_input(plan: Plan, limits: Limits, first: Input, speed_mps: float, step_s: float) -> Input | None:
     """What follows the first input, for a step that gets no command in time; in the same limits.
 
     Args:
@@ -30,7 +30,12 @@ def second_input(plan: Plan, limits: Limits, first: Input, speed_mps: float, ste
         first: what is commanded for this step.
         speed_mps: at this step.
         step_s: Δt.
+
+    Returns:
+        None where the plan goes no further than one step.
     """
+    if len(plan.inputs) < 2:
+        return None
     return _within_limits(plan.inputs[1], limits, first, speed_mps + step_s * first.acceleration_mps2, step_s)
 
 

@@ -6,11 +6,12 @@ from typing import NamedTuple
 
 from agent.acting import driven_last, first_input, is_same_input, second_input, without_a_plan
 from agent.deadline import Deadline
-from agent.estimation import ESTIMATORS, GoalsName
+from agent.estimation import GoalsName
 from agent.estimation.interface import known_goal
 from agent.memory import Memory
-from agent.planning import Plan, Planner, plan_of
-from agent.prediction import Prediction, Predictor
+from agent.methods import method_of
+from agent.planning import Plan, plan_of
+from agent.prediction import Prediction
 from agent.solver import ITERATIONS, SolverName, joint_solver
 from agent.stopwatch import Clock, Stopwatch
 from agent.vehicle import Array
@@ -63,7 +64,7 @@ class Agent:
         robot: this robot's id.
         goal: its own goal, which it tells nobody.
         scene: what everybody may know.
-        goals: how goals are estimated: a name in ``agent.estimation.ESTIMATORS``.
+        goals: how it comes to know what the others will do: a name that ``agent.methods`` knows.
         solver: how trajectory problems are solved: a name that ``agent.solver.joint_solver`` knows.
         clock: times the phases for ``mind``; it changes no decision, unless there is a budget.
         iterations: of the real-time solver a problem, at most.
@@ -90,11 +91,10 @@ class Agent:
         self._scene = scene
         self._clock = clock
         self._memory = Memory(scene.horizons.estimation_steps + 2, scene.step_s)
-        self._estimator = ESTIMATORS[goals](scene)
         self._deadline = Deadline(clock, budget_s)
         trajectories = joint_solver(solver, iterations, self._deadline)
-        self._predictor = Predictor(scene, trajectories, self._deadline)
-        self._planner = Planner(scene, robot, trajectories)
+        method = method_of(goals, scene, robot, trajectories, self._deadline)
+        self._estimator, self._predictor, self._planner = method
         self._arrived = False
         self._parked: set[str] = set()
         self._given: deque[_Given] = deque(maxlen=DOUBTFUL + 1)

@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass
 
+from agent.deadline import Deadline
 from agent.memory import Memory
 from agent.prediction import Prediction
-from agent.problems import joint_problem
+from agent.problems import WarmStarts, joint_problem
+from agent.solver.choice import best_solution
 from agent.solver.problem import JointSolver
 from agent.vehicle import Array
 from protocol.scene import Scene
@@ -13,7 +15,7 @@ from protocol.vehicle import Input
 
 @dataclass(frozen=True)
 class Plan:
-    """What the ego means to do: inputs (K, 2) and the states (K + 1, 4) they lead through."""
+    """What the ego means to do: inputs (n, 2), at least one, and the states (n + 1, 4) they lead through."""
 
     inputs: Array
     states: Array
@@ -29,17 +31,26 @@ class Planner:
     """Plans for one robot.
 
     Each plan starts from the self-prediction, so that the ego passes the others on the side on which they
-    expect it: a start of its own can end in a local minimum on the other side.
+    expect it: a start of its own can end in a local minimum on the other side. Where there is none, it starts
+    from the last plan, one step on.
     """
 
-    def __init__(self, scene: Scene, robot: str, solver: JointSolver) -> None:
+    def __init__(self, scene: Scene, robot: str, solver: JointSolver, deadline: Deadline) -> None:
         self._scene = scene
         self._robot = robot
         self._solver = solver
+        self._deadline = deadline
+        self._starts = WarmStarts()
 
     def plan(self, memory: Memory, goal: Array, previous: Input, prediction: Prediction) -> Plan:
         """Solve eq. 1 for the ego, among the predicted paths of all others."""
         others = {robot: path for robot, path in prediction.paths.items() if robot != self._robot}
         problem = joint_problem(self._scene, memory, {self._robot: goal}, others, {self._robot: previous})
-        solution = self._solver.solve(problem, prediction.starts[self._robot])
+        expected = prediction.starts.get(self._robot)
+        starts = [expected] if expected else self._starts.starts(problem, [self._robot])
+        solution = best_solution(self._solver, problem, starts, self._deadline)
+        if solution.solved:
+            self._starts.keep([self._robot], solution)
+        else:
+            self._starts.forget()
         return Plan(solution.inputs[0], solution.states[0], solution.solved)

@@ -27,6 +27,8 @@ HORIZONS = Horizons(prediction_steps=4, estimation_steps=2)
 MEETING = {"1": (-1.5, 0.0, 0.0, 0.5), "2": (1.5, 0.1, 3.0, 0.5)}
 """States of two robots that are in each other's way."""
 GOALS = {"1": Goal(x_m=1.5, y_m=0.0, heading_rad=0.0), "2": Goal(x_m=-1.5, y_m=0.0, heading_rad=3.0)}
+PARKING = State.of(0.5, 0.0, 0.0, 0.5)
+"""So near to its goal a robot may decide in another way."""
 TURN = np.array([[0.1, 0.2]])
 """What they drive, rad/s and m/s²: something from which goals can be inferred."""
 
@@ -88,8 +90,12 @@ def warm_up(goals: GoalsName, solver: SolverName) -> float:
         robot: rollout(np.array(state), TURN.repeat(HORIZONS.estimation_steps + 2, axis=0), scene.step_s)
         for robot, state in MEETING.items()
     }
-    for step in range(HORIZONS.estimation_steps + 3):
-        states = {robot: State.of(*track[step].tolist()) for robot, track in tracks.items()}
+    seen = [
+        {robot: State.of(*track[step].tolist()) for robot, track in tracks.items()}
+        for step in range(HORIZONS.estimation_steps + 3)
+    ]
+    seen.append({**seen[-1], "1": PARKING})
+    for step, states in enumerate(seen):
         agent.decide(Observation(epoch=0, step=step, time_s=step * scene.step_s, robots=states))
     return time.perf_counter() - begin_s
 

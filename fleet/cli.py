@@ -38,9 +38,7 @@ ScenarioArgument = Annotated[
 ]
 GoalsOption = Annotated[
     GoalsName,
-    typer.Option(
-        help="How robots come to know one another's goals: exchanged before the run, or estimated.",
-    ),
+    typer.Option(callback=agent.__main__.checked_goals, help=agent.__main__.GOALS_HELP),
 ]
 SolverOption = Annotated[SolverName, typer.Option(help="What solves the trajectory problems.")]
 IterationsOption = Annotated[int, typer.Option(min=1, help=agent.__main__.ITERATIONS_HELP)]

@@ -65,11 +65,19 @@ def braking_input(limits: Limits, previous: Input, speed_mps: float, step_s: flo
     The strongest deceleration is chosen from which the jerk limit still lets the acceleration return to zero
     by the time the vehicle stands; the turn rate goes straight to zero.
     """
-    rate = limits.jerk_mps3 * step_s
-    towards_zero = -speed_mps / step_s
-    # Ramping out from an acceleration of n·rate, rate by rate, changes the speed by rate·n(n+1)/2 steps.
-    steps = (math.sqrt(1.0 + 8.0 * abs(towards_zero) / rate) - 1.0) / 2.0
-    whole = math.ceil(steps)
-    size = (abs(towards_zero) + rate * whole * (whole - 1) / 2.0) / whole if whole else 0.0
-    wanted = Input(0.0, math.copysign(size, towards_zero))
+    wanted = Input(0.0, settling_rate(-speed_mps / step_s, limits.jerk_mps3 * step_s))
     return reachable_inputs(limits, previous, step_s).clip(wanted)
+
+
+def settling_rate(way: float, change: float) -> float:
+    """The highest rate at which a way can begin so that it ends there, at rest, without overshooting.
+
+    Args:
+        way: how far to go, as the sum of the rates of all steps.
+        change: by which the rate can differ from step to step.
+    """
+    # Ramping out from a rate of n·change, change by change, is a way of change·n(n+1)/2.
+    steps = (math.sqrt(1.0 + 8.0 * abs(way) / change) - 1.0) / 2.0
+    whole = math.ceil(steps)
+    size = (abs(way) + change * whole * (whole - 1) / 2.0) / whole if whole else 0.0
+    return math.copysign(size, way)

@@ -9,11 +9,19 @@ from agent.estimation.interface import GoalEstimator
 from agent.estimation.inverse_optimal_control import InverseOptimalControl
 from protocol.scene import Scene
 
-GoalsName = Literal["exchanged", "ioc", "constant-acceleration"]
+GoalsName = Literal[
+    "exchanged",
+    "ioc",
+    "constant-acceleration",
+    "constant-acceleration-alone",
+    "constant-velocity",
+    "orca",
+]
+"""What ``--goals`` takes: the name of an estimator, or of a baseline that asks for no goals."""
 
 ESTIMATORS: dict[GoalsName, Callable[[Scene], GoalEstimator]] = {
     "exchanged": Exchanged,
     "ioc": InverseOptimalControl,
     "constant-acceleration": ConstantAcceleration,
 }
-"""By the name that ``--goals`` takes."""
+"""By name. ``agent.methods`` has the baselines."""

@@ -26,8 +26,13 @@ class ConstantAcceleration:
 
     def estimate_one(self, memory: Memory, robot: str) -> Array:
         """The goal estimate of one robot, shape (4,), inside the drivable area."""
+        end, heading = self.path(memory, robot)[-1], memory.state(robot)[2]
+        return goal_inside(self._scene.area, np.array([*end, heading]))
+
+    def path(self, memory: Memory, robot: str) -> Array:
+        """Positions (K + 1, 2) of one robot at the present and the next K stages, in the area or not."""
         limits = self._scene.robot(robot).limits
-        end = _speeding_up(
+        return _speeding_up(
             memory.state(robot),
             memory.previous_input(robot).acceleration_mps2,
             limits.speed_mps,
@@ -36,7 +41,6 @@ class ConstantAcceleration:
             self._scene.horizons.prediction_steps,
             self._scene.step_s,
         )
-        return goal_inside(self._scene.area, end)
 
 
 @kernel
@@ -49,14 +53,18 @@ def _speeding_up(
     steps: int,
     step_s: float,
 ) -> Array:
-    """The pose (3,) after driving straight on, ever faster in the direction of motion up to the limits."""
+    """Positions (K + 1, 2) driving straight on, ever faster in the direction of motion up to the limits."""
     x, y, heading, speed = state
+    positions = np.empty((steps + 1, 2))
+    positions[0] = state[:2]
     direction = -1.0 if speed < 0.0 else 1.0
     way = 0.0
-    for _ in range(steps):
+    for k in range(1, steps + 1):
         way += step_s * speed
+        positions[k, 0] = x + way * np.cos(heading)
+        positions[k, 1] = y + way * np.sin(heading)
         faster = direction * acceleration + jerk_limit * step_s
         room = (speed_limit - direction * speed) / step_s
         acceleration = direction * min(faster, acceleration_limit, room)
         speed += step_s * acceleration
-    return np.array([x + way * np.cos(heading), y + way * np.sin(heading), heading])
+    return positions

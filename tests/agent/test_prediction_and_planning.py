@@ -198,7 +198,7 @@ def test_a_plan_leads_to_the_goal_it_was_given_among_the_predicted_paths():
     scene, memory, solver = scene_of("abc"), memory_of("abc"), Watched("reference")
     prediction = Predictor(scene, SOLVERS["realtime"], NEVER).predict(memory, GOALS, ())
     true_goal = np.array([0.0, 3.5, 1.0, 0.0])
-    plan = Planner(scene, "a", solver).plan(memory, true_goal, STANDSTILL, prediction)
+    plan = Planner(scene, "a", solver, NEVER).plan(memory, true_goal, STANDSTILL, prediction)
     problem, start = solver.asked[0]
     assert plan.solved
     np.testing.assert_array_equal(problem.goals, [true_goal])
@@ -218,7 +218,7 @@ def test_a_plan_leads_to_the_goal_it_was_given_among_the_predicted_paths():
 def test_planning_for_the_estimated_goal_repeats_the_self_prediction(solver):
     scene, memory = scene_of("abc"), memory_of("abc")
     prediction = Predictor(scene, solver, NEVER).predict(memory, GOALS, ())
-    planner = Planner(scene, "b", solver)
+    planner = Planner(scene, "b", solver, NEVER)
     plan = planner.plan(memory, GOALS["b"], memory.previous_input("b"), prediction)
     np.testing.assert_allclose(plan.states[:, :2], prediction.paths["b"], atol=0.01)
 

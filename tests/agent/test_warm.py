@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
@@ -25,6 +26,7 @@ from agent.compiled import (
     places,
     sources,
 )
+from agent.estimation import GoalsName
 from agent.warm import CompilingError, compile_in_background, warm_up
 
 PATIENCE_S = 120.0
@@ -58,6 +60,8 @@ def drive(goals):
             r: State.of((5 - 0.05 * step) * math.cos(t), (5 - 0.05 * step) * math.sin(t), t + math.pi, 0.5)
             for r, t in list(zip(ROBOTS, TURNS))[:count]
         }
+        if step >= 30:  # near its goal
+            states["1"] = State.of(-4.0, 0.0, math.pi, 0.5)
         seen = Observation(epoch=0, step=step, time_s=0.1 * step, robots=states)
         agent.decide(seen)
 """
@@ -76,7 +80,7 @@ def answer_of(program, *arguments, **environment):
     return json.loads(said.stdout)
 
 
-@pytest.mark.parametrize("goals", ["ioc", "constant-acceleration", "exchanged"])
+@pytest.mark.parametrize("goals", get_args(GoalsName))
 def test_after_the_warm_up_robots_come_and_go_and_nothing_is_compiled(goals):
     """A call that no compiled form fits would raise: compiling is forbidden."""
     run = f"""
@@ -92,7 +96,9 @@ print("[%d, %d]" % (compiled_so_far(), forms == [each.signatures for each in _ke
 def test_one_warm_up_compiles_for_every_choice():
     """What ``main`` uses for all; the reference solver shares the starts and estimators."""
     run = """
+from typing import get_args
 from agent.compiled import _kernels
+from agent.estimation import GoalsName
 from agent.warm import warm_up
 import json
 
@@ -101,7 +107,7 @@ def used():
 
 warm_up("ioc", "realtime")
 most = used()
-for goals in ("ioc", "constant-acceleration", "exchanged"):
+for goals in get_args(GoalsName):
     for solver in ("realtime", "reference"):
         warm_up(goals, solver)
 print(json.dumps(sorted(used() - most)))
