@@ -68,6 +68,10 @@ class Memory:
         state: Array = self._tracks[robot].states[-1]
         return state
 
+    def present(self) -> dict[str, Array]:
+        """The newest state of every robot, shape (4,)."""
+        return {robot: self.state(robot) for robot in self._tracks}
+
     def states(self, robot: str, count: int) -> Array:
         """The last ``count`` states, or as many as are known, oldest first, shape (n, 4)."""
         return self._tracks[robot].states[-count:]

@@ -45,7 +45,9 @@ class Planner:
     def plan(self, memory: Memory, goal: Array, previous: Input, prediction: Prediction) -> Plan:
         """Solve eq. 1 for the ego, among the predicted paths of all others."""
         others = {robot: path for robot, path in prediction.paths.items() if robot != self._robot}
-        problem = joint_problem(self._scene, memory, {self._robot: goal}, others, {self._robot: previous})
+        problem = joint_problem(
+            self._scene, memory.present(), {self._robot: goal}, others, {self._robot: previous}
+        )
         expected = prediction.starts.get(self._robot)
         starts = [expected] if expected else self._starts.starts(problem, [self._robot])
         solution = best_solution(self._solver, problem, starts, self._deadline)

@@ -44,7 +44,7 @@ class Predictor:
         resting = {robot: np.tile(memory.state(robot)[:2], (stages, 1)) for robot in parked}
         free = {robot: goals[robot] for robot in memory.robots if robot not in parked}
         inputs = {robot: memory.previous_input(robot) for robot in free}
-        problem = joint_problem(self._scene, memory, free, resting, inputs)
+        problem = joint_problem(self._scene, memory.present(), free, resting, inputs)
         starts = self._starts.starts(problem, list(free))
         solution = best_solution(self._solver, problem, starts, self._deadline)
         if solution.solved:

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from agent.memory import Memory
 from agent.solver.problem import JointProblem, Solution, Start
 from agent.solver.starts import cold_starts, shifted
 from agent.vehicle import Array
@@ -14,7 +13,7 @@ from protocol.vehicle import Input
 
 def joint_problem(
     scene: Scene,
-    memory: Memory,
+    states: Mapping[str, Array],
     goals: Mapping[str, Array],
     paths: Mapping[str, Array],
     inputs: Mapping[str, Input],
@@ -23,7 +22,7 @@ def joint_problem(
 
     Args:
         scene: limits, distances, weights, horizons.
-        memory: present states.
+        states: present ones, shape (4,), at least of the robots in ``goals``.
         goals: goal state (4,) of each robot that is free to move.
         paths: positions (K + 1, 2) of each robot that moves as told.
         inputs: the last input of each free robot.
@@ -31,7 +30,7 @@ def joint_problem(
     steps = scene.horizons.prediction_steps
     robots = list(goals)
     return JointProblem(
-        states=np.array([memory.state(robot) for robot in robots]),
+        states=np.array([states[robot] for robot in robots]),
         previous_inputs=np.array([inputs[robot] for robot in robots]),
         goals=np.array(list(goals.values())),
         limits=tuple(scene.robot(robot).limits for robot in robots),
@@ -50,10 +49,10 @@ class WarmStarts:
     def __init__(self) -> None:
         self._last: dict[str, tuple[Array, Array, Array]] = {}
 
-    def starts(self, problem: JointProblem, robots: Sequence[str]) -> list[Start]:
-        """The last solution, one step on; where a robot has none, each of the cold starts for it."""
+    def starts(self, problem: JointProblem, robots: Sequence[str], steps_on: int = 1) -> list[Start]:
+        """The last solution, so many steps on; where a robot has none, each of the cold starts for it."""
         known = {
-            index: [shifted(each) for each in self._last[robot]]
+            index: [shifted(each, steps_on) for each in self._last[robot]]
             for index, robot in enumerate(robots)
             if robot in self._last
         }

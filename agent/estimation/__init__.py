@@ -7,11 +7,13 @@ from agent.estimation.constant_acceleration import ConstantAcceleration
 from agent.estimation.exchanged import Exchanged
 from agent.estimation.interface import GoalEstimator
 from agent.estimation.inverse_optimal_control import InverseOptimalControl
+from agent.estimation.joint_fit import JointFit
 from protocol.scene import Scene
 
 GoalsName = Literal[
     "exchanged",
     "ioc",
+    "joint-fit",
     "constant-acceleration",
     "constant-acceleration-alone",
     "constant-velocity",
@@ -22,6 +24,7 @@ GoalsName = Literal[
 ESTIMATORS: dict[GoalsName, Callable[[Scene], GoalEstimator]] = {
     "exchanged": Exchanged,
     "ioc": InverseOptimalControl,
+    "joint-fit": JointFit,
     "constant-acceleration": ConstantAcceleration,
 }
 """By name. ``agent.methods`` has the baselines."""

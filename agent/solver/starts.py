@@ -12,9 +12,9 @@ SIDESTEP_RADPS = 0.2
 another, and a symmetrical crossing begins as a roundabout instead of a deadlock."""
 
 
-def shifted(stages: Array) -> Array:
-    """Last step's inputs, forces or pressures of one robot, one step on; the new last stage's are zero."""
-    return np.concatenate([stages[1:], np.zeros_like(stages[:1])])
+def shifted(stages: Array, steps: int = 1) -> Array:
+    """Inputs, forces or pressures of one robot so many steps on; those of the new last stages are zero."""
+    return np.concatenate([stages[steps:], np.zeros_like(stages[:steps])])
 
 
 def cold_starts(problem: JointProblem) -> list[Start]:

@@ -93,7 +93,7 @@ def drive(
         memory.remember(step, dict(zip(names, map(tuple, states.tolist()), strict=True)))
         goals = {name: known_goal(robot.goal_pose(), memory.state(name)) for name, robot in robots.items()}
         inputs = {name: memory.previous_input(name) for name in names}
-        problem = joint_problem(scene, memory, goals, {}, inputs)
+        problem = joint_problem(scene, memory.present(), goals, {}, inputs)
         starts = [first] if first is not None and step == 0 else warm_starts.starts(problem, names)
         solved = solver.solve(problem, starts)
         yield solved

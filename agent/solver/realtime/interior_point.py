@@ -130,6 +130,10 @@ class Outcome(NamedTuple):
     """Of any single row."""
     solved: bool
     iterations: int
+    taking_part: Integers
+    """Rows of the system that was factorised last."""
+    system: System
+    """As it was factorised last, at the solution or just before it."""
 
 
 @kernel
@@ -147,7 +151,7 @@ def solve_program(program: Program, pressures: Array, tolerance: float) -> Outco
     system = _empty_system(robots, size, capacity)
     taken = np.zeros(len(program.rows.gap), np.bool_)
     count = _begin(program, iterate, pressures, taken)
-    solved, iterations = False, 0
+    solved, iterations, factorised = False, 0, 0
     while not solved and iterations < MOST_ITERATIONS:
         _set_residuals(program, iterate, count, system)
         mean = _complementarity(program, iterate, direction, count, 0.0)
@@ -155,7 +159,7 @@ def solve_program(program: Program, pressures: Array, tolerance: float) -> Outco
         solved = error <= tolerance
         if solved or not np.isfinite(error) or not _factorise(program, iterate, count, system):
             break
-        iterations += 1
+        iterations, factorised = iterations + 1, count
         _find_direction(program, iterate, count, system, 0.0, False, direction)
         length = _longest_step(program, iterate, system, direction, count)
         after = _complementarity(program, iterate, direction, count, length)
@@ -168,7 +172,38 @@ def solve_program(program: Program, pressures: Array, tolerance: float) -> Outco
     largest = 0.0
     for at in range(count):
         largest = max(largest, iterate.force[at])
-    return Outcome(iterate.change, forces, iterate.pressure, largest, solved, iterations)
+    return Outcome(
+        iterate.change,
+        forces,
+        iterate.pressure,
+        largest,
+        solved,
+        iterations,
+        iterate.taking_part[:factorised],
+        system,
+    )
+
+
+@kernel
+def respond(program: Program, outcome: Outcome, gradients: Array) -> Array:
+    """How the solution changes with the gradients, to first order and as long as the same rows are tight.
+
+    Args:
+        program: that was solved.
+        outcome: its solution.
+        gradients: changes of the gradients, shape (M, n).
+
+    Returns:
+        The change of d, shape (M, n).
+    """
+    system, count = outcome.system, len(outcome.taking_part)
+    result, rows = -gradients, np.zeros(count)
+    for robot in range(len(result)):
+        solve_stages_transposed(system.factors[robot], program.arms[robot], 0, result[robot])
+    _push(program, outcome.taking_part, system, rows, result)
+    for robot in range(len(result)):
+        solve_stages(system.factors[robot], program.arms[robot], result[robot])
+    return result
 
 
 @kernel
@@ -525,26 +560,41 @@ def _row_targets(
 
 
 @kernel
+def _push(program: Program, taking_part: Integers, system: System, rows: Array, halves: Array) -> None:
+    """From half-solved changes of the robots and the rows' residuals to forces, and their effect on the former.
+
+    Args:
+        program: the data.
+        taking_part: rows that do.
+        system: factorised.
+        rows: residuals, which become the forces.
+        halves: Uᵢ⁻ᵀ times each robot's right-hand side, shape (M, n).
+    """
+    count, size = len(taking_part), halves.shape[1]
+    for at in range(count):
+        for side in range(2):
+            robot = _robot_of(program.rows, taking_part[at], side)
+            if robot != NOBODY:
+                for slot in range(system.starts[at], size):
+                    rows[at] -= system.halves[at, side, slot] * halves[robot, slot]
+    solve_transposed(system.schur, count, rows)
+    solve_upper(system.schur, count, rows)
+    for at in range(count):
+        for side in range(2):
+            robot = _robot_of(program.rows, taking_part[at], side)
+            if robot != NOBODY:
+                for slot in range(system.starts[at], size):
+                    halves[robot, slot] += system.halves[at, side, slot] * rows[at]
+
+
+@kernel
 def _solve_rows(
     program: Program, iterate: Iterate, count: int, system: System, rows: Array, direction: Iterate
 ) -> None:
     """Find the change of the forces, and add its effect to the half-solved changes of the robots."""
-    size = iterate.change.shape[1]
-    for at in range(count):
-        for side in range(2):
-            robot = _robot_of(program.rows, iterate.taking_part[at], side)
-            if robot != NOBODY:
-                for slot in range(system.starts[at], size):
-                    rows[at] -= system.halves[at, side, slot] * direction.change[robot, slot]
-    solve_transposed(system.schur, count, rows)
-    solve_upper(system.schur, count, rows)
+    _push(program, iterate.taking_part[:count], system, rows, direction.change)
     for at in range(count):
         force, more = iterate.force[at], rows[at]
-        for side in range(2):
-            robot = _robot_of(program.rows, iterate.taking_part[at], side)
-            if robot != NOBODY:
-                for slot in range(system.starts[at], size):
-                    direction.change[robot, slot] += system.halves[at, side, slot] * more
         direction.force[at] = more
         direction.row_slack[at] = (direction.row_slack[at] - iterate.row_slack[at] * more) / force
         direction.violation[at] = (direction.violation[at] + iterate.violation[at] * more) / (

@@ -97,17 +97,24 @@ def improve(
         the states are the old ones.
     """
     program = program_about(data, states, forces, penalty)
-    outcome = solve_program(program, pressures, tolerance)
-    if not outcome.solved:  # where limits leave no room, pressures have no bound and are no start
-        outcome = solve_program(program, np.zeros_like(pressures), tolerance)
+    outcome = solve_from(program, pressures, tolerance)
     if not outcome.solved:
         return states, forces, pressures, 0.0, False
-    there, promised = _followed(data, program, states, outcome)
+    there, promised = followed(data, program, states, outcome)
     return there, outcome.forces, outcome.pressures, promised, True
 
 
 @kernel
-def _followed(data: Data, program: Program, states: Array, outcome: Outcome) -> tuple[Array, float]:
+def solve_from(program: Program, pressures: Array, tolerance: float) -> Outcome:
+    """Solve a program with pressures to expect (2, M, 5K), or else without."""
+    outcome = solve_program(program, pressures, tolerance)
+    if not outcome.solved:  # where limits leave no room, pressures have no bound and are no start
+        outcome = solve_program(program, np.zeros_like(pressures), tolerance)
+    return outcome
+
+
+@kernel
+def followed(data: Data, program: Program, states: Array, outcome: Outcome) -> tuple[Array, float]:
     """Go as far along a change as it brings enough decrease of the merit, on true rollouts.
 
     The merit's price of violations is twice the largest force: enough for the change to lead downhill, and no

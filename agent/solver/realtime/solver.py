@@ -1,11 +1,14 @@
 """Real-time iteration: a few steps of sequential quadratic programming from the last step's solution."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from agent.deadline import Deadline
 from agent.solver.problem import LIMITED_QUANTITIES, JointProblem, Solution, Start
 from agent.solver.realtime.distances import violations_of
 from agent.solver.realtime.profiles import inputs_of, states_of
+from agent.solver.realtime.sensitivities import improve_and_respond
 from agent.solver.realtime.sequential import Data, improve
 from agent.solver.starts import within_limits
 from agent.vehicle import Array
@@ -56,6 +59,27 @@ class RealTimeSolver:
             if promised <= least and _is_feasible(data, states):
                 break
         return _solution(problem, states, forces, pressures, solved, iterations)
+
+
+@dataclass(frozen=True)
+class Response:
+    """A solution, and how it moves with the goals."""
+
+    solution: Solution
+    by_goal: Array
+    """Derivatives of the states from stage 1 on by the goal positions (x_0, y_0, x_1, …), shape
+    (2M, M, stages, 4); to first order, and as long as the same constraints are tight."""
+
+
+def respond(problem: JointProblem, start: Start, stages: int) -> Response:
+    """One iteration of the real-time solver, with the sensitivities of so many stages to the goals."""
+    data = _data_of(problem)
+    states = states_of(_compact(problem.states), within_limits(problem, start.inputs), problem.step_s)
+    forces, pressures = _compact(start.forces), _by_side(start.pressures)
+    states, forces, pressures, by_goal, solved = improve_and_respond(
+        data, states, forces, pressures, PENALTY_PER_M, TOLERANCE, stages
+    )
+    return Response(_solution(problem, states, forces, pressures, solved, iterations=1), by_goal)
 
 
 def _is_feasible(data: Data, states: Array) -> bool:
