@@ -1,0 +1,1 @@
+"""Suites: sets of scenarios that are driven together."""
