@@ -6,6 +6,7 @@ import signal
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 
 import dask
 from distributed import Client, Future, KilledWorker, LocalCluster
@@ -145,6 +146,7 @@ def _signals_kept_from_children() -> Iterator[None]:
 
     Nor do the threads begun meanwhile, and the processes that these begin later.
     """
+    resource_tracker.ensure_running()  # otherwise it begins later, and then lets these signals through again
     former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
         yield

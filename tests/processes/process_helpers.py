@@ -114,7 +114,7 @@ class Process:
                 os.kill(pid, signal.SIGKILL)
 
     @property
-    def pid(self) -> int:
+    def own_pid(self) -> int:
         return self._process.pid
 
     @property

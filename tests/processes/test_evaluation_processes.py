@@ -55,7 +55,7 @@ def test_ctrl_c_ends_an_evaluation_and_the_same_command_goes_on(tmp_path: Path, 
         first.complained
     )
     assert "Traceback" not in first.complained
-    assert [pid for pid in children if is_alive(pid)] == []
+    until(lambda: not any(map(is_alive, children)), "the end of all processes")
     kept = (out / RUNS).read_bytes()
     assert 1 <= len(read_rows(out)) < 4
     second = evaluate(process, out, *command)
@@ -80,7 +80,7 @@ def test_an_evaluation_listens_on_loopback_only(tmp_path: Path, process):
     evaluation = evaluate(process, tmp_path / "out", "--goals", "exchanged", "--noise", "low", "--seeds", 3)
     has_rows(tmp_path / "out", 1)
     addresses = set()
-    for pid in [evaluation.pid, *workers_of(evaluation)]:
+    for pid in [evaluation.own_pid, *workers_of(evaluation)]:
         with suppress(psutil.NoSuchProcess):
             sockets = psutil.Process(pid).net_connections(kind="inet")
             addresses |= {each.laddr.ip for each in sockets if each.status == psutil.CONN_LISTEN}
