@@ -62,7 +62,8 @@ def existing_cluster(address: str) -> Iterator[Client]:
     Raises:
         UnreachableError: no scheduler answers there, or it has no workers.
     """
-    logging.getLogger("distributed").setLevel(QUIET)
+    for name in ("distributed", "distributed.client"):  # the latter has a level of its own
+        logging.getLogger(name).setLevel(QUIET)
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -3,6 +3,7 @@
 import json
 import math
 import statistics
+import threading
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from evaluation_helpers import evaluation_of, write_suite
 from typer.testing import CliRunner
 
 from agent.agent import Agent
+from agent.stopwatch import Stopwatch
 from fleet.cli import app
 from fleet.evaluation.noise import with_noise
 from fleet.evaluation.row import COLUMNS, Row
@@ -82,7 +84,25 @@ def test_a_row_says_what_a_simulation_of_the_same_run_says(tmp_path: Path, goals
     assert row.driven_m == pytest.approx(sum(driven_m))
 
 
-def test_decisions_are_timed_in_cpu_time_of_the_thread(tmp_path: Path):
+def test_what_others_do_meanwhile_counts_as_wall_clock_time_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    (run,) = evaluation_of(write_suite(tmp_path / "suite", "one"), goals=("exchanged",)).runs()
+    execute(run)
+    think = Agent._think
+
+    def be_held_up(agent: Agent, watch: Stopwatch):
+        threading.Event().wait(0.1)
+        return think(agent, watch)
+
+    monkeypatch.setattr(Agent, "_think", be_held_up)
+    row = execute(run)
+    assert row.decide_cpu_p50_ms < 50.0
+    assert row.cpu_s < 0.5 * row.wall_s
+    assert row.wall_s >= 0.1 * 2 * row.steps
+
+
+def test_no_phase_takes_longer_than_the_whole(tmp_path: Path):
     (run,) = evaluation_of(write_suite(tmp_path / "suite", "one"), goals=("ioc",)).runs()
     row = execute(run)
     for phase in PHASES:

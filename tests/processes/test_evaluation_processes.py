@@ -12,7 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 from distributed import Client
-from process_helpers import PATIENCE_S, Process, is_alive, until
+from process_helpers import PATIENCE_S, Process, endless, is_alive, until
 
 from fleet.evaluation.results import RUNS, read_evaluation, read_rows
 from fleet.evaluation.running import execute
@@ -33,6 +33,11 @@ def has_rows(out: Path, count: int) -> None:
 
 def workers_of(process: Process) -> list[int]:
     return [pid for pid, line in process.children().items() if any("spawn_main" in part for part in line)]
+
+
+def have_made_runs(client: Client) -> list[bool]:
+    """Each worker of a cluster."""
+    return list(client.run(lambda: "fleet.evaluation.running" in sys.modules).values())
 
 
 def driven(rows) -> dict[object, dict[str, object]]:
@@ -85,6 +90,7 @@ def test_an_evaluation_listens_on_loopback_only(tmp_path: Path, process):
             sockets = psutil.Process(pid).net_connections(kind="inet")
             addresses |= {each.laddr.ip for each in sockets if each.status == psutil.CONN_LISTEN}
     assert addresses == {"127.0.0.1"}
+    assert evaluation.end() == 0
 
 
 class DaskProcess:
@@ -100,18 +106,18 @@ class DaskProcess:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=stderr,
-                env={**os.environ, "PYTHONUNBUFFERED": "1"},
+                env={**os.environ, "PYTHONUNBUFFERED": "1", "TMPDIR": str(directory)},
             )
 
     def __enter__(self) -> "DaskProcess":
         return self
 
     def __exit__(self, *_error: object) -> None:
-        self._process.terminate()
-        try:
-            self._process.wait(PATIENCE_S)
-        finally:
-            self._process.kill()
+        self.kill()
+
+    def kill(self) -> None:
+        self._process.kill()
+        self._process.wait()
 
     def tells(self, pattern: str) -> str:
         """Wait until it logs something of this form; the part in brackets."""
@@ -126,11 +132,16 @@ class DaskProcess:
 
 
 @pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[str]:
+def scheduler(tmp_path: Path) -> Iterator[DaskProcess]:
+    with DaskProcess(tmp_path / "scheduler", "scheduler", "--port", 0) as process:
+        yield process
+
+
+@pytest.fixture
+def cluster(tmp_path: Path, scheduler: DaskProcess) -> Iterator[str]:
     """The address of a scheduler with two workers."""
+    address = scheduler.tells(r"Scheduler at:\s+(tcp://\S+)")
     with ExitStack() as processes:
-        scheduler = processes.enter_context(DaskProcess(tmp_path / "scheduler", "scheduler", "--port", 0))
-        address = scheduler.tells(r"Scheduler at:\s+(tcp://\S+)")
         for name in ("one", "two"):
             worker = ("worker", address, "--nthreads", 1, "--no-nanny", "--name", name)
             processes.enter_context(DaskProcess(tmp_path / name, *worker))
@@ -145,9 +156,22 @@ def test_an_existing_dask_cluster_makes_the_runs(tmp_path: Path, process, cluste
         evaluation = evaluate(process, out, *command, "--dask", cluster)
         assert evaluation.end() == 0, evaluation.complained
         assert workers_of(evaluation) == []
-        used = client.run(lambda: "fleet.evaluation.running" in sys.modules)
-    assert list(used.values()) == [True, True]
+        assert have_made_runs(client) == [True, True]
     assert driven(read_rows(out)) == driven(map(execute, read_evaluation(out).runs()))
+
+
+def test_a_cluster_that_dies_fails_no_run(tmp_path: Path, process, scheduler: DaskProcess, cluster: str):
+    out = tmp_path / "out"
+    suite = endless(tmp_path / "endless.yaml", 2)
+    evaluation = process("told", "evaluate", suite, "--goals", "exchanged", "--dask", cluster, "--out", out)
+    with Client(cluster, set_as_default=False) as client:
+        client.wait_for_workers(2, timeout=PATIENCE_S)
+        until(lambda: any(have_made_runs(client)), "the beginning of the run")
+    scheduler.kill()
+    assert evaluation.end() == 3
+    assert "unspoken: the Dask cluster has" in evaluation.complained
+    assert "Traceback" not in evaluation.complained
+    assert read_rows(out) == []
 
 
 def test_without_a_scheduler_there_nothing_is_run(tmp_path: Path, process):
