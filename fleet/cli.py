@@ -16,6 +16,7 @@ from agent.solver import ITERATIONS, SolverName
 from fleet.bench.command import bench
 from fleet.compiling import announced
 from fleet.conduct import Stream, conduct
+from fleet.evaluation.command import evaluate
 from fleet.experiment import Experiment, prepare
 from fleet.live import run_processes
 from fleet.simulation import simulate as simulate_messages
@@ -124,6 +125,7 @@ app.command("world")(world.__main__.main)
 app.command("agent")(agent.__main__.main)
 app.command("bench")(bench)
 app.add_typer(scenarios, name="scenarios")
+app.command("evaluate")(evaluate)
 
 
 def _tell_version(wanted: bool) -> None:

@@ -13,9 +13,6 @@ from protocol.scenario_file import load_scenario
 from scenarios import find
 from world.process import ClockKind
 
-SHARING: GoalsName = "exchanged"
-"""The one choice of ``--goals`` for which the world tells the goals."""
-
 
 @dataclass(frozen=True)
 class Experiment:
@@ -24,11 +21,6 @@ class Experiment:
     path: Path
     scenario: Scenario
     facts: RunFacts
-
-    @property
-    def goals_are_exchanged(self) -> bool:
-        """Whether the scene holds the goals."""
-        return self.facts.goals == SHARING
 
 
 BUDGET_SHARE = 0.5

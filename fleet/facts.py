@@ -5,6 +5,9 @@ from agent.solver import ITERATIONS, SolverName
 from protocol.keys import Name
 from protocol.scene import Settings
 
+SHARING: GoalsName = "exchanged"
+"""The one choice of ``--goals`` for which the world tells the goals."""
+
 
 class RunFacts(Settings):
     """Which experiment a run is; kept in its summary and in its recording."""
@@ -24,3 +27,8 @@ class RunFacts(Settings):
     """The run's name on the bus."""
     version: str
     """Of this software."""
+
+    @property
+    def goals_are_exchanged(self) -> bool:
+        """Whether the scene holds the goals."""
+        return self.goals == SHARING

@@ -72,7 +72,7 @@ def _world_settings(experiment: Experiment, endpoint: str) -> dict[str, str]:
         "run": facts.run,
         "clock": facts.clock,
         "seed": str(facts.seed),
-        "exchange_goals": "1" if experiment.goals_are_exchanged else "0",
+        "exchange_goals": "1" if experiment.facts.goals_are_exchanged else "0",
     }
 
 

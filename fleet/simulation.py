@@ -1,20 +1,16 @@
-"""A run in virtual time: the cores of the world and of all robots in one process, step by step."""
+"""A run in virtual time as a stream of the messages that processes would have exchanged."""
 
 import time
 from collections.abc import Iterator
 
-from agent.agent import Agent
 from agent.warm import warm_up
+from fleet.closed_loop import EPOCH, closed_loop
 from fleet.compiling import compile_solver
 from fleet.experiment import Experiment
 from fleet.interruption import Interruption
 from fleet.stream import BusMessage
 from protocol.keys import Keys
 from protocol.messages import PublicScene
-from world.world import World
-
-EPOCH = 0
-"""There is one world only, and its recording depends on nothing but the experiment."""
 
 
 def simulate(experiment: Experiment, interruption: Interruption) -> Iterator[BusMessage]:
@@ -29,37 +25,13 @@ def simulate(experiment: Experiment, interruption: Interruption) -> Iterator[Bus
     compile_solver(interruption)
     warm_up(facts.goals, facts.solver)
     keys = Keys(facts.run)
-    scene = scenario.scene(with_goals=experiment.goals_are_exchanged)
-    world = World(scenario, seed=facts.seed, epoch=EPOCH)
-    agents = {
-        robot.id: Agent(
-            robot.id,
-            robot.goal_pose(),
-            scene,
-            goals=facts.goals,
-            solver=facts.solver,
-            clock=time.perf_counter,
-            iterations=facts.iterations,
-            budget_s=None if facts.budget_ms is None else facts.budget_ms / 1000.0,
-        )
-        for robot in scenario.robots
-    }
+    scene = scenario.scene(with_goals=facts.goals_are_exchanged)
     yield BusMessage(keys.scene, PublicScene(epoch=EPOCH, scene=scene), 0)
-    while not world.over:
-        now_ns = round(scenario.time_s(world.step) * 1e9)
-        observations = world.observations()
-        for robot, observation in observations.items():
+    for moment in closed_loop(scenario, facts, time.perf_counter, lambda: interruption.requested):
+        now_ns = round(moment.truth.time_s * 1e9)
+        for robot, observation in moment.observations.items():
             yield BusMessage(keys.pose(robot), observation, now_ns)
-        yield BusMessage(keys.truth, world.truth(), now_ns)
-        commands = {}
-        for robot, agent in agents.items():
-            decision = agent.decide(observations[robot])
-            if decision is not None:
-                yield BusMessage(keys.mind(robot), decision.mind, now_ns)
-                yield BusMessage(keys.command(robot), decision.command, now_ns)
-                commands[robot] = decision.command
-        if interruption.requested:
-            world.interrupt()
-        else:
-            world.advance(commands)
-    yield BusMessage(keys.truth, world.truth(), round(scenario.time_s(world.step) * 1e9))
+        yield BusMessage(keys.truth, moment.truth, now_ns)
+        for robot, decision in moment.decisions.items():
+            yield BusMessage(keys.mind(robot), decision.mind, now_ns)
+            yield BusMessage(keys.command(robot), decision.command, now_ns)

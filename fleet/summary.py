@@ -1,6 +1,5 @@
 """The summary of a run: what ``summary.json`` says."""
 
-import os
 from array import array
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from fleet.facts import RunFacts
+from fleet.files import write_whole
 from protocol.messages import Message, Mind, TrueRobot, Truth
 
 
@@ -82,15 +82,7 @@ class Summary(_Record):
         Raises:
             OSError: it cannot be written; an older file is then left as it was.
         """
-        part = path.with_name(path.name + ".part")
-        try:
-            with part.open("w", encoding="utf-8") as file:
-                file.write(self.model_dump_json(by_alias=True, indent=2) + "\n")
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(part, path)
-        finally:
-            part.unlink(missing_ok=True)
+        write_whole(path, self.model_dump_json(by_alias=True, indent=2) + "\n")
 
 
 class Tally:

@@ -22,10 +22,14 @@ PART_OF_ANOTHER = {"pydantic-core"}
 
 
 def pins():
-    """The exact versions in constraints.txt by name."""
+    """The exact versions in constraints.txt for this Python, by name."""
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     requirements = [Requirement(line) for line in lines if line and not line.startswith("#")]
-    return {canonicalize_name(requirement.name): requirement for requirement in requirements}
+    return {
+        canonicalize_name(requirement.name): requirement
+        for requirement in requirements
+        if requirement.marker is None or requirement.marker.evaluate()
+    }
 
 
 def installed_with(requirements):

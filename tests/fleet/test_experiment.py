@@ -44,7 +44,7 @@ def test_every_run_has_a_name_of_its_own_that_can_stand_in_a_key() -> None:
     ("goals", "exchanged"), [("exchanged", True), ("ioc", False), ("constant-acceleration", False)]
 )
 def test_goals_are_told_only_when_they_are_to_be_exchanged(goals: str, exchanged: bool) -> None:
-    assert prepare("2-crossing", **{**CHOICES, "goals": goals}).goals_are_exchanged is exchanged
+    assert prepare("2-crossing", **{**CHOICES, "goals": goals}).facts.goals_are_exchanged is exchanged
 
 
 @pytest.mark.parametrize(("clock", "budget_ms"), [("realtime", 50.0), ("lockstep", None), ("virtual", None)])

@@ -114,6 +114,10 @@ class Process:
                 os.kill(pid, signal.SIGKILL)
 
     @property
+    def own_pid(self) -> int:
+        return self._process.pid
+
+    @property
     def running(self) -> bool:
         return self._process.poll() is None
 

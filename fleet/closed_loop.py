@@ -1,0 +1,68 @@
+"""A world and its robots in one process and virtual time, step by step."""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import NamedTuple
+
+from agent.agent import Agent, Decision
+from agent.stopwatch import Clock
+from fleet.facts import RunFacts
+from protocol.messages import Observation, Truth
+from protocol.scenario import Scenario
+from world.world import World
+
+EPOCH = 0
+"""There is one world only, and what it says depends on nothing but the run."""
+
+
+class Moment(NamedTuple):
+    """One step: how things stand, what each robot sees of them, and what it decides."""
+
+    truth: Truth
+    observations: Mapping[str, Observation]
+    decisions: Mapping[str, Decision]
+    """Of the robots that made one; in the last moment nobody does."""
+
+
+def closed_loop(
+    scenario: Scenario, facts: RunFacts, clock: Clock, interrupted: Callable[[], bool] = lambda: False
+) -> Iterator[Moment]:
+    """Every step of a run; the last moment's truth holds the verdict.
+
+    Args:
+        scenario: what is driven.
+        facts: with which estimator, solver and seed.
+        clock: times the robots' decisions.
+        interrupted: asked once a step; ends the run with the verdict ``interrupted``.
+
+    Raises:
+        ValueError: an estimator needs something that the scene does not hold.
+    """
+    world = World(scenario, seed=facts.seed, epoch=EPOCH)
+    agents = _agents(scenario, facts, clock)
+    while not world.over:
+        observations = world.observations()
+        decided = {robot: agent.decide(observations[robot]) for robot, agent in agents.items()}
+        decisions = {robot: decision for robot, decision in decided.items() if decision is not None}
+        yield Moment(world.truth(), observations, decisions)
+        if interrupted():
+            world.interrupt()
+        else:
+            world.advance({robot: decision.command for robot, decision in decisions.items()})
+    yield Moment(world.truth(), {}, {})
+
+
+def _agents(scenario: Scenario, facts: RunFacts, clock: Clock) -> dict[str, Agent]:
+    scene = scenario.scene(with_goals=facts.goals_are_exchanged)
+    return {
+        robot.id: Agent(
+            robot.id,
+            robot.goal_pose(),
+            scene,
+            goals=facts.goals,
+            solver=facts.solver,
+            clock=clock,
+            iterations=facts.iterations,
+            budget_s=None if facts.budget_ms is None else facts.budget_ms / 1000.0,
+        )
+        for robot in scenario.robots
+    }

@@ -1,0 +1,60 @@
+"""Makes one run of an evaluation, in whichever process this is called."""
+
+import time
+import traceback
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+
+from agent.estimation import GoalsName
+from agent.solver import SolverName
+from agent.warm import compile_in_background, warm_up
+from fleet.closed_loop import closed_loop
+from fleet.evaluation.evaluation import Run
+from fleet.evaluation.row import Row
+from fleet.facts import RunFacts
+from fleet.summary import Tally
+
+CLOCK = "virtual"
+
+
+def execute(run: Run) -> Row:
+    """Drive a scenario to its verdict; an exception on the way becomes a failed row."""
+    try:
+        _make_ready(run.goals, run.solver)
+        return _drive(run)
+    except Exception as error:  # whatever it is, the other runs go on
+        return Row.without_result(run.key, len(run.scenario.robots), _told(error))
+
+
+@cache
+def _make_ready(goals: GoalsName, solver: SolverName) -> None:
+    """Load all that robots need, once in a process, so that no run is charged with it."""
+    compile_in_background(unwanted=lambda: False)
+    warm_up(goals, solver)
+
+
+def _drive(run: Run) -> Row:
+    facts = RunFacts(
+        scenario=run.scenario.name,
+        goals=run.goals,
+        solver=run.solver,
+        clock=CLOCK,
+        seed=run.key.seed,
+        run="evaluation",
+        version=version("unspoken"),
+    )
+    tally = Tally()
+    cpu_s, wall_s = time.thread_time(), time.perf_counter()
+    for moment in closed_loop(run.scenario, facts, time.thread_time):
+        tally.add(moment.truth)
+        for decision in moment.decisions.values():
+            tally.add(decision.mind)
+    cpu_s, wall_s = time.thread_time() - cpu_s, time.perf_counter() - wall_s
+    return Row.finished(run.key, tally.summary(facts), cpu_s, wall_s)
+
+
+def _told(error: Exception) -> str:
+    """What went wrong, and where."""
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"
