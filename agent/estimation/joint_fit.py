@@ -1,13 +1,14 @@
-"""Joint fit: the goals for which the joint problem (eq. 7), solved from some steps ago, drives as was observed.
+"""Joint fit: the goals for which the joint problem (eq. 7), solved from some steps ago, drives as was seen.
 
 A bilevel, maximum a posteriori form of inverse optimal control in real-time iteration. Every step, the joint
-problem of all robots is improved from the states observed K_w steps ago with the goals believed in, and these by
-Gauss–Newton on
+problem of all robots is improved from the states observed K_w steps ago with the goals believed in, and these
+by Gauss–Newton on
 
     Σ_k ‖x̄_k − x_k(L)‖² / σ²  +  (L − L⁻)ᵀ P⁻¹ (L − L⁻)    over the positions L of all goals,
 
-x̄ being the observed states, x(L) the solution and L⁻ the last step's estimate, held less firmly. Unlike eq. 6 it
-explains evasion as evasion, and remembers what a window does not show: how far a robot that speeds up will go.
+x̄ being the observed states, x(L) the solution and L⁻ the last step's estimate, held less firmly. Unlike
+eq. 6 it explains evasion as evasion, and remembers what a window does not show: how far a robot that speeds
+up will go.
 """
 
 from collections.abc import Sequence
@@ -35,8 +36,8 @@ AHEAD_M = 8.0
 AHEAD_SIGMA_M = 4.0
 """give or take so much. No estimate is held less firmly."""
 FORGETTING = 4.0
-"""Factor on the covariance of an estimate from one step to the next: windows overlap, and goals of people who
-steer robots change."""
+"""Factor on the covariance of an estimate from one step to the next: windows overlap, so
+that most of what a step shows was known before."""
 DRIFT_M = 0.6
 """Standard deviation that is added to it."""
 ROUNDS = 2
@@ -180,8 +181,8 @@ def gauss_newton(
         missing: x̄_k − x_k, shape (N, K_w, 4).
 
     Returns:
-        The improved estimates (N, 2), each moved by no more than ``LONGEST_M``, and the covariance (2N, 2N) of
-        the linearised problem.
+        The improved estimates (N, 2), each moved by no more than ``LONGEST_M``, and the covariance (2N, 2N)
+        of the linearised problem.
     """
     jacobian = (by_goal / SIGMAS).reshape(len(by_goal), -1)
     covariance = np.linalg.inv(jacobian @ jacobian.T + information)

@@ -561,7 +561,7 @@ def _row_targets(
 
 @kernel
 def _push(program: Program, taking_part: Integers, system: System, rows: Array, halves: Array) -> None:
-    """From half-solved changes of the robots and the rows' residuals to forces, and their effect on the former.
+    """From half-solved changes of the robots and residuals of the rows to forces, and what these change.
 
     Args:
         program: the data.

@@ -1,48 +1,28 @@
-"""How the solution of the joint problem moves with the goals: the implicit function theorem on its last program."""
+"""How the solution of the joint problem moves with the goals, by the factorisation of its last program."""
 
 import numpy as np
 
 from agent.compiled import kernel
 from agent.solver.realtime.interior_point import Outcome, Program, respond
 from agent.solver.realtime.profiles import displacements, pull_back
-from agent.solver.realtime.sequential import Data, followed, program_about, solve_from
 from agent.vehicle import Array
 
 
 @kernel
-def improve_and_respond(
-    data: Data, states: Array, forces: Array, pressures: Array, penalty: float, tolerance: float, stages: int
-) -> tuple[Array, Array, Array, Array, bool]:
-    """One step as ``sequential.improve`` takes it, and the sensitivities of the solution to the goals.
+def sensitivities(program: Program, outcome: Outcome, stages: int) -> Array:
+    """∂x_k/∂L of the states of so many stages, from 1 on, by the positions of all goals (x_0, y_0, x_1, …).
 
-    Args:
-        data: the problem.
-        states: a trajectory within the limits, shape (M, K + 1, 4).
-        forces: constraint forces to expect, shape (M, K + 1, 2).
-        pressures: multipliers of the limits to expect, shape (2, M, 5K).
-        penalty: price of a violated metre.
-        tolerance: of the quadratic program's optimality conditions.
-        stages: how many are wanted from stage 1 on.
+    By the implicit function theorem: with L, the gradient of the cost changes by −2Q, summed over the
+    positions of all stages. It holds as long as the same constraints are tight, with the program's Hessian.
 
     Returns:
-        The new states, forces and pressures; the derivatives of the states of the wanted stages by the goal
-        positions of all robots, shape (2M, M, stages, 4); whether the quadratic program was solved.
+        Shape (2M, M, stages, 4).
     """
-    robots = len(states)
-    program = program_about(data, states, forces, penalty)
-    outcome = solve_from(program, pressures, tolerance)
-    if not outcome.solved:
-        return states, forces, pressures, np.zeros((2 * robots, robots, stages, 4)), False
-    there, _ = followed(data, program, states, outcome)
-    return there, outcome.forces, outcome.pressures, _sensitivities(program, outcome, stages), True
-
-
-@kernel
-def _sensitivities(program: Program, outcome: Outcome, stages: int) -> Array:
-    """∂x_k/∂L: the gradient of the cost changes with L by −2Q, summed over the positions of all stages."""
     robots, size = program.gradients.shape
     steps = size // 2
     result = np.zeros((2 * robots, robots, stages, 4))
+    if stages == 0:
+        return result
     pull, shifts = np.zeros((steps + 1, 2)), np.zeros((steps + 1, 2))
     for goal in range(2 * robots):
         gradients = np.zeros((robots, size))

@@ -10,6 +10,7 @@ from agent.solver.realtime.distances import gaps_after, rows_about, violations_o
 from agent.solver.realtime.interior_point import Outcome, Program, solve_program
 from agent.solver.realtime.limits import bounds_of, limited_quantities
 from agent.solver.realtime.profiles import arms_of, displacements, moved
+from agent.solver.realtime.sensitivities import sensitivities
 from agent.vehicle import Array
 
 SUFFICIENT = 1e-4
@@ -33,6 +34,23 @@ class Data(NamedTuple):
     area: Array
     weights: Array
     step_s: float
+
+
+class Improvement(NamedTuple):
+    """What came of one step."""
+
+    states: Array
+    """Shape (M, K + 1, 4); the old ones where the quadratic program was not solved, as the next two."""
+    forces: Array
+    """Shape (M, K + 1, 2)."""
+    pressures: Array
+    """Shape (2, M, 5K)."""
+    promised: float
+    """Decrease of the merit that was promised, relative to the merit; zero if no part of the step helped."""
+    by_goal: Array
+    """See :func:`agent.solver.realtime.sensitivities.sensitivities`."""
+    solved: bool
+    """Whether the quadratic program was."""
 
 
 @kernel
@@ -80,7 +98,8 @@ def improve(
     pressures: Array,
     penalty: float,
     tolerance: float,
-) -> tuple[Array, Array, Array, float, bool]:
+    stages: int,
+) -> Improvement:
     """One step: write the quadratic program about a trajectory, solve it and follow its solution.
 
     Args:
@@ -90,31 +109,22 @@ def improve(
         pressures: multipliers of the limits to expect, shape (2, M, 5K).
         penalty: price of a violated metre in the quadratic program.
         tolerance: of its optimality conditions.
-
-    Returns:
-        The new states, forces and pressures; the decrease of the merit that was promised, relative to the
-        merit (zero if no part of the step helped); whether the quadratic program was solved. If it was not,
-        the states are the old ones.
+        stages: of so many, from stage 1 on, the sensitivities to the goals are wanted.
     """
     program = program_about(data, states, forces, penalty)
-    outcome = solve_from(program, pressures, tolerance)
-    if not outcome.solved:
-        return states, forces, pressures, 0.0, False
-    there, promised = followed(data, program, states, outcome)
-    return there, outcome.forces, outcome.pressures, promised, True
-
-
-@kernel
-def solve_from(program: Program, pressures: Array, tolerance: float) -> Outcome:
-    """Solve a program with pressures to expect (2, M, 5K), or else without."""
     outcome = solve_program(program, pressures, tolerance)
     if not outcome.solved:  # where limits leave no room, pressures have no bound and are no start
         outcome = solve_program(program, np.zeros_like(pressures), tolerance)
-    return outcome
+    if not outcome.solved:
+        nothing = np.zeros((2 * len(states), len(states), stages, 4))
+        return Improvement(states, forces, pressures, 0.0, nothing, False)
+    there, promised = _followed(data, program, states, outcome)
+    by_goal = sensitivities(program, outcome, stages)
+    return Improvement(there, outcome.forces, outcome.pressures, promised, by_goal, True)
 
 
 @kernel
-def followed(data: Data, program: Program, states: Array, outcome: Outcome) -> tuple[Array, float]:
+def _followed(data: Data, program: Program, states: Array, outcome: Outcome) -> tuple[Array, float]:
     """Go as far along a change as it brings enough decrease of the merit, on true rollouts.
 
     The merit's price of violations is twice the largest force: enough for the change to lead downhill, and no

@@ -8,7 +8,6 @@ from agent.deadline import Deadline
 from agent.solver.problem import LIMITED_QUANTITIES, JointProblem, Solution, Start
 from agent.solver.realtime.distances import violations_of
 from agent.solver.realtime.profiles import inputs_of, states_of
-from agent.solver.realtime.sensitivities import improve_and_respond
 from agent.solver.realtime.sequential import Data, improve
 from agent.solver.starts import within_limits
 from agent.vehicle import Array
@@ -52,8 +51,8 @@ class RealTimeSolver:
         given = (states, start.inputs, problem.previous_inputs)
         solved, iterations = all(bool(np.isfinite(each).all()) for each in given), 0
         while solved and iterations < most and not (iterations and self._deadline.passed):
-            states, forces, pressures, promised, solved = improve(
-                data, states, forces, pressures, PENALTY_PER_M, TOLERANCE
+            states, forces, pressures, promised, _, solved = improve(
+                data, states, forces, pressures, PENALTY_PER_M, TOLERANCE, 0
             )
             iterations += 1
             if promised <= least and _is_feasible(data, states):
@@ -76,7 +75,7 @@ def respond(problem: JointProblem, start: Start, stages: int) -> Response:
     data = _data_of(problem)
     states = states_of(_compact(problem.states), within_limits(problem, start.inputs), problem.step_s)
     forces, pressures = _compact(start.forces), _by_side(start.pressures)
-    states, forces, pressures, by_goal, solved = improve_and_respond(
+    states, forces, pressures, _, by_goal, solved = improve(
         data, states, forces, pressures, PENALTY_PER_M, TOLERANCE, stages
     )
     return Response(_solution(problem, states, forces, pressures, solved, iterations=1), by_goal)
