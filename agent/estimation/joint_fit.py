@@ -88,7 +88,8 @@ class JointFit:
             robot: self._beliefs[robot] if robot in self._beliefs else self._first(memory.state(robot))
             for robot in robots
         }
-        length = min(WINDOW, *(len(memory.states(robot, WINDOW + 1)) - 1 for robot in robots))
+        most = min(WINDOW, self._scene.horizons.prediction_steps)
+        length = min(len(memory.states(robot, most + 1)) - 1 for robot in robots)
         if length >= LEAST_WINDOW:
             self._fit(robots, window_of(memory, robots, length, self._scene.step_s))
         self._last_length = length

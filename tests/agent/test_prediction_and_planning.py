@@ -91,7 +91,7 @@ def test_the_joint_problem_holds_what_the_scene_and_the_memory_say():
     path = np.arange(26.0).reshape(13, 2)
     previous = {"a": Input(0.1, 0.2), "b": Input(0.3, 0.4)}
     free = {robot: GOALS[robot] for robot in "ab"}
-    problem = joint_problem(scene, memory_of("abc"), free, {"c": path}, previous)
+    problem = joint_problem(scene, memory_of("abc").present(), free, {"c": path}, previous)
     np.testing.assert_allclose(problem.states, [STATES["a"], STATES["b"]], atol=1e-12)
     np.testing.assert_array_equal(problem.goals, [GOALS["a"], GOALS["b"]])
     np.testing.assert_array_equal(problem.previous_inputs, [[0.1, 0.2], [0.3, 0.4]])
@@ -174,7 +174,7 @@ def test_after_a_failed_prediction_the_next_one_starts_cold():
 
 def test_robots_that_appear_start_cold_and_those_that_stay_start_warm():
     memory = memory_of("abc")
-    problem = joint_problem(scene_of("abc"), memory, GOALS, {}, dict.fromkeys("abc", STANDSTILL))
+    problem = joint_problem(scene_of("abc"), memory.present(), GOALS, {}, dict.fromkeys("abc", STANDSTILL))
     solution = SOLVERS["realtime"].solve(problem, cold_starts(problem)[0])
     starts = WarmStarts()
     starts.keep(["a", "c", "gone"], solution)
