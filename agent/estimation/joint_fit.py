@@ -79,7 +79,8 @@ class JointFit:
         self._scene = scene
         self._beliefs: dict[str, Belief] = {}
         self._starts = WarmStarts()
-        self._last_length = 0
+        self._begin = 0
+        """Step at which the last window began."""
 
     def estimate(self, memory: Memory) -> dict[str, Array]:
         """See :class:`agent.estimation.interface.GoalEstimator`."""
@@ -91,8 +92,9 @@ class JointFit:
         most = min(WINDOW, self._scene.horizons.prediction_steps)
         length = min(len(memory.states(robot, most + 1)) - 1 for robot in robots)
         if length >= LEAST_WINDOW:
-            self._fit(robots, window_of(memory, robots, length, self._scene.step_s))
-        self._last_length = length
+            begin = memory.step - length
+            self._fit(robots, window_of(memory, robots, length, self._scene.step_s), begin - self._begin)
+            self._begin = begin
         return {robot: self._goal(robot, memory.state(robot)) for robot in robots}
 
     def _first(self, state: Array) -> Belief:
@@ -104,10 +106,13 @@ class JointFit:
         """The goal state believed in; of its heading nothing is known, so it is the present one."""
         return goal_inside(self._scene.area, np.append(self._beliefs[robot].mean, state[2]))
 
-    def _fit(self, robots: Sequence[str], window: Window) -> None:
+    def _fit(self, robots: Sequence[str], window: Window, steps_on: int) -> None:
+        """Improve the beliefs by a window that begins so many steps after the last one."""
+        if steps_on < 0:  # a robot that was seen only briefly has gone
+            self._starts.forget()
         prior, information = _prior([self._beliefs[robot] for robot in robots])
         length, means = window.states.shape[1], prior
-        start = self._start(self._problem(robots, window, means), robots, window)
+        start = self._start(self._problem(robots, window, means), robots, window, steps_on)
         for improving in [False] * (0 if start.warm else COLD_ROUNDS) + [True] * ROUNDS:
             response = respond(self._problem(robots, window, means), start, length)
             if not response.solution.solved:
@@ -135,11 +140,10 @@ class JointFit:
             dict(zip(robots, window.before, strict=True)),
         )
 
-    def _start(self, problem: JointProblem, robots: Sequence[str], window: Window) -> Start:
+    def _start(self, problem: JointProblem, robots: Sequence[str], window: Window, steps_on: int) -> Start:
         """What was driven and, from the present on, the last solution."""
-        length = window.states.shape[1]
-        start = self._starts.starts(problem, robots, steps_on=1 + self._last_length - length)[0]
-        start.inputs[:, :length] = window.inputs
+        start = self._starts.starts(problem, robots, steps_on)[0]
+        start.inputs[:, : window.inputs.shape[1]] = window.inputs
         return start
 
 

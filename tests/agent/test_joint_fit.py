@@ -147,6 +147,21 @@ def test_a_robot_that_appears_is_first_taken_to_go_straight_on_and_one_that_vani
     assert set(estimator.estimate(remembered(far))) == {"a"}
 
 
+def test_robots_that_come_and_go_shorten_and_lengthen_the_window_and_do_no_harm():
+    """The other's goal is found all the same, although a passer-by is seen every now and then."""
+    states, goals = followed(2, 1, 45)
+    estimator, memory, found = JointFit(scene_of("01p")), Memory(17, STEP_S), {}
+    for step, now in enumerate(states):
+        seen = {str(robot): tuple(state) for robot, state in enumerate(now.tolist())}
+        if step % 20 < 4:
+            seen["p"] = (8.0, -9.0 + 0.1 * step, np.pi / 2, 1.0)
+        memory.remember(step, seen)
+        found = estimator.estimate(memory)
+        assert all(np.isfinite(goal).all() for goal in found.values())
+    errors = [np.linalg.norm(found[str(robot)][:2] - goal) for robot, goal in enumerate(goals)]
+    assert max(errors) < 1.0
+
+
 def test_it_looks_back_no_further_than_it_predicts():
     states, goals = followed(2, 0, 15)
     scene = scene_of("01", horizons=Horizons(prediction_steps=4))
