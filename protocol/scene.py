@@ -117,7 +117,7 @@ class Scene(Rules):
 
     def safety_distance_m(self, one: str, other: str) -> float:
         """Centres are planned to stay this far apart: d of eq. 10 (published: 1.39 m)."""
-        return self.collision_distance_m(one, other) + 2.0 * self.safety_margin_m
+        return self.safety_distances_m([one], [other])[0][0]
 
     def safety_distances_m(self, ones: Iterable[str], others: Iterable[str]) -> list[list[float]]:
         """The same for each of some robots, and each of others."""

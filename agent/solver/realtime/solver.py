@@ -42,11 +42,7 @@ class RealTimeSolver:
 
     def solve(self, problem: JointProblem, start: Start) -> Solution:
         """See :class:`agent.solver.problem.JointSolver`."""
-        data = _data_of(problem)
-        first = within_limits(problem, start.inputs)
-        states = states_of(_compact(problem.states), first, problem.step_s)
-        forces = _compact(start.forces)
-        pressures = _by_side(start.pressures)
+        data, states, forces, pressures = _begin(problem, start)
         most, least = (self._iterations, CONVERGED) if start.warm else (COLD_ITERATIONS, CONVERGED_COLD)
         given = (states, start.inputs, problem.previous_inputs)
         solved, iterations = all(bool(np.isfinite(each).all()) for each in given), 0
@@ -72,13 +68,22 @@ class Response:
 
 def respond(problem: JointProblem, start: Start, stages: int) -> Response:
     """One iteration of the real-time solver, with the sensitivities of so many stages to the goals."""
-    data = _data_of(problem)
-    states = states_of(_compact(problem.states), within_limits(problem, start.inputs), problem.step_s)
-    forces, pressures = _compact(start.forces), _by_side(start.pressures)
+    data, states, forces, pressures = _begin(problem, start)
     states, forces, pressures, _, by_goal, solved = improve(
         data, states, forces, pressures, PENALTY_PER_M, TOLERANCE, stages
     )
     return Response(_solution(problem, states, forces, pressures, solved, iterations=1), by_goal)
+
+
+def _begin(problem: JointProblem, start: Start) -> tuple[Data, Array, Array, Array]:
+    """What an iteration needs: the data, then states, forces and pressures as kernels take them."""
+    inputs = within_limits(problem, start.inputs)
+    return (
+        _data_of(problem),
+        states_of(_compact(problem.states), inputs, problem.step_s),
+        _compact(start.forces),
+        _by_side(start.pressures),
+    )
 
 
 def _is_feasible(data: Data, states: Array) -> bool:
