@@ -21,6 +21,9 @@ GoalsName = Literal[
 ]
 """What ``--goals`` takes: the name of an estimator, or of a baseline that asks for no goals."""
 
+DEFAULT_GOALS: GoalsName = "joint-fit"
+"""The one that loses least against exchanged goals (``docs/estimation.md``)."""
+
 ESTIMATORS: dict[GoalsName, Callable[[Scene], GoalEstimator]] = {
     "exchanged": Exchanged,
     "ioc": InverseOptimalControl,
