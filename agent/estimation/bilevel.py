@@ -40,6 +40,9 @@ ITERATIONS = 4
 """Of the upper level, a step."""
 SETTLED_M = 0.02
 """Less than this is no move."""
+UNEXPLAINED = 2.0
+"""Misfit a number seen (half a square: 2σ) above which the present position is tried as a goal too. All goals
+far away make a robot that stands drive off in the same way, so that no derivative leads to where it is."""
 FIRST_DAMPING = 1e-2
 """Of Levenberg–Marquardt, in m⁻²; a tenth after a step that helps, tenfold after one that does not."""
 
@@ -146,9 +149,15 @@ def fitted(forward: ForwardProblem, last: Array, start: Start, area: Area) -> tu
         problem was not solved for that.
     """
     goal, response = last, forward.respond(last, start)
+    here, damping = forward.misfit(response, goal, last), FIRST_DAMPING
+    if response.solution.solved and here.value > UNEXPLAINED * forward.window.states.size:
+        arrived = inside(area, forward.window.states[0, -1, :2])
+        other = forward.respond(arrived, start)
+        misfit = forward.misfit(other, arrived, last)
+        if other.solution.solved and misfit.value < here.value:
+            goal, response, here = arrived, other, misfit
     if not response.solution.solved:
         return last, None
-    here, damping = forward.misfit(response, goal, last), FIRST_DAMPING
     for _ in range(ITERATIONS):
         change = np.linalg.solve(here.curvature + damping * np.eye(2), -here.gradient)
         there = inside(area, goal + change)
