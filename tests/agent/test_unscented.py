@@ -2,7 +2,7 @@
 
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agent.estimation.unscented import SPREAD, sigma_points, updated
@@ -31,6 +31,7 @@ def test_of_a_linear_measurement_it_is_the_kalman_filter(seed, size, measured):
     np.testing.assert_allclose(left, np.linalg.inv(information), rtol=1e-5, atol=1e-6)
 
 
+@settings(max_examples=30)
 @given(seeds, sizes)
 def test_of_a_bent_measurement_it_is_that_of_filterpy(seed, size):
     random = np.random.default_rng(seed)
