@@ -39,8 +39,9 @@ from protocol.scene import Scene
 
 LOOK_BACK = 12
 """K_w: steps from the states where the model begins to the present, or as many as all robots were seen."""
-SIGMAS = np.array([0.05, 0.05, 0.1, 0.2])
-"""σ of p_x, p_y, ψ and v, in m, rad and m/s: how well the model brings a robot to where it is."""
+SIGMAS = np.array([0.1, 0.1, 0.2, 0.4])
+"""σ of p_x, p_y, ψ and v, in m, rad and m/s: how well the model brings a robot to where it is.
+Looks back overlap, so that one wrong prediction counts several times: half of this was too little."""
 WALK_M = 0.1
 """Standard deviation of a goal's random walk in one step."""
 ROUNDS = 2
