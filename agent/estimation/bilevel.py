@@ -45,8 +45,6 @@ UNEXPLAINED = 2.0
 far away make a robot that stands drive off in the same way, so that no derivative leads to where it is."""
 FIRST_DAMPING = 1e-2
 """Of Levenberg–Marquardt, in m⁻²; a tenth after a step that helps, tenfold after one that does not."""
-
-
 SOLVER = RealTimeSolver(10, Deadline(lambda: 0.0, None))
 """Of the lower level: to convergence, which usually takes 1 to 4 iterations from the last solution, and no
 longer than 10. No estimate depends on the clock."""
