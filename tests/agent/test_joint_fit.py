@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from agent_helpers import SOLVERS, STEP_S, WEIGHTS, remembered, scene_of
+from agent_helpers import STEP_S, WEIGHTS, remembered, scene_of
+from goal_helpers import errors_m, followed
 from hypothesis import given
 from hypothesis import strategies as st
 from realtime_helpers import closed_loop, data_of, random_crossing
@@ -80,25 +81,6 @@ def test_a_goal_moves_no_further_at_once_than_derivatives_hold():
     missing[0, 0, 0] = 50.0
     found, _ = gauss_newton(np.zeros((2, 2)), 1e-3 * np.eye(4), by_goal, missing)
     np.testing.assert_allclose(found, [[LONGEST_M, 0.0], [0.0, 0.0]], atol=1e-9)
-
-
-def followed(robots: int, seed: int, steps: int) -> tuple[Array, Array]:
-    """States (steps, N, 4) of robots that know each other's goals, and those goals (N, 2)."""
-    loop = list(closed_loop(random_crossing(robots, seed), steps, SOLVERS["realtime"]))
-    return np.array([each.problem.states for each in loop]), loop[0].problem.goals[:, :2]
-
-
-def errors_m(estimator, states: Array, goals: Array) -> Array:
-    """Distance of each robot's estimate from its goal after every step, shape (steps, N)."""
-    memory, names = Memory(17, STEP_S), [str(robot) for robot in range(len(goals))]
-    found = []
-    for step, now in enumerate(states):
-        memory.remember(step, dict(zip(names, map(tuple, now.tolist()), strict=True)))
-        estimates = estimator.estimate(memory)
-        found.append(
-            [np.linalg.norm(estimates[name][:2] - goal) for name, goal in zip(names, goals, strict=True)]
-        )
-    return np.array(found)
 
 
 def test_goals_are_found_from_how_robots_drive_better_than_by_the_published_estimator():
