@@ -3,7 +3,7 @@
 The state is (p_x, p_y, ψ, v, ω, a) with the input (ω, a) that led there: constant turn rate and acceleration
 (CTRA) in the discrete time of eq. 8, up to changes of the inputs,
 
-    u_k = φ u_{k−1} + w_k,    x_{k+1} = f(x_k, u_k),    w_k white.
+    u_k = u_{k−1} + w_k,    x_{k+1} = f(x_k, u_k),    w_k white.
 
 The filter is the extended Kalman filter; measurements are taken in one by one, which for independent errors
 is the same and inverts no matrix. The smoother is that of Rauch, Tung and Striebel in the form of Bierman
@@ -21,8 +21,6 @@ from agent.compiled import kernel
 from agent.vehicle import Array
 from protocol.vehicle import Limits
 
-PERSISTENCE = 0.9
-"""φ: what is left of an unknown input a step later, on average; inputs that lasted would pass the limits."""
 EXACT = np.array([1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4])
 """No measurement is taken for more exact than this, in m, rad, m/s, rad/s and m/s²."""
 ANYWHERE = np.array([10.0, 10.0, math.pi, 10.0])
@@ -50,9 +48,8 @@ def first_belief(state: Array, input_sigmas: Array) -> Belief:
 
 
 def change_sigmas(limits: Limits, step_s: float) -> Array:
-    """σ of w, shape (2,): all changes within the limits of rates are equally likely."""
-    rates = np.array([limits.turn_acceleration_radps2, limits.jerk_mps3])
-    return rates * step_s / math.sqrt(3.0)
+    """σ of w, shape (2,): the limits of rates, at which robots change their inputs most of the time."""
+    return np.array([limits.turn_acceleration_radps2, limits.jerk_mps3]) * step_s
 
 
 def unknown_sigmas(limits: Limits) -> Array:
@@ -62,7 +59,7 @@ def unknown_sigmas(limits: Limits) -> Array:
 
 @kernel
 def smooth(
-    mean: Array, covariance: Array, values: Array, sigmas: Array, changes: Array, fading: float, step_s: float
+    mean: Array, covariance: Array, values: Array, sigmas: Array, changes: Array, step_s: float
 ) -> tuple[Array, Array, Array]:
     """Filter forwards and smooth backwards over consecutive steps.
 
@@ -72,7 +69,6 @@ def smooth(
         values: measurements, shape (n, 6); headings may be whole turns away.
         sigmas: their standard deviations, shape (n, 6); infinite where nothing was measured.
         changes: σ of w, shape (2,).
-        fading: φ.
         step_s: Δt.
 
     Returns:
@@ -86,14 +82,14 @@ def smooth(
     x, p = mean.copy(), covariance.copy()
     for k in range(count):
         if k > 0:
-            _predict(x, p, changes, fading, step_s)
+            _predict(x, p, changes, step_s)
         means[k], covariances[k] = x, p
         _update(x, p, values[k], sigmas[k], gains[k], misfits[k])
         smoothed[k], spreads[k] = x, p
     adjoint = np.zeros(6)
     for k in range(count - 1, -1, -1):
         if k < count - 1:
-            _pull(adjoint, smoothed[k], fading, step_s)
+            _pull(adjoint, smoothed[k], step_s)
             for i in range(6):  # only here the filtered state becomes the smoothed one
                 smoothed[k, i] += _dot(spreads[k, i], adjoint)
         for i in range(5, -1, -1):
@@ -102,16 +98,15 @@ def smooth(
 
 
 @kernel
-def _predict(x: Array, p: Array, changes: Array, fading: float, step_s: float) -> None:
+def _predict(x: Array, p: Array, changes: Array, step_s: float) -> None:
     """Bring mean and covariance one step on; w changes an input, and with it the heading or the speed."""
     for _ in range(2):  # P Fᵀ, transposed, and the same again: P is symmetric
         for i in range(6):
-            _push(p[i], x, fading, step_s)
+            _push(p[i], x, step_s)
         p[:] = p.T.copy()
     x[0] += step_s * x[3] * math.cos(x[2])
     x[1] += step_s * x[3] * math.sin(x[2])
     for j in range(2):
-        x[4 + j] *= fading
         x[2 + j] += step_s * x[4 + j]
         variance = changes[j] ** 2
         p[2 + j, 2 + j] += step_s**2 * variance
@@ -121,22 +116,21 @@ def _predict(x: Array, p: Array, changes: Array, fading: float, step_s: float) -
 
 
 @kernel
-def _push(change: Array, x: Array, fading: float, step_s: float) -> None:
+def _push(change: Array, x: Array, step_s: float) -> None:
     """Bring a small change of a state one step on: F times it."""
     cosine, sine = step_s * math.cos(x[2]), step_s * math.sin(x[2])
     change[0] += cosine * change[3] - x[3] * sine * change[2]
     change[1] += sine * change[3] + x[3] * cosine * change[2]
     for j in range(2):
-        change[4 + j] *= fading
         change[2 + j] += step_s * change[4 + j]
 
 
 @kernel
-def _pull(adjoint: Array, x: Array, fading: float, step_s: float) -> None:
+def _pull(adjoint: Array, x: Array, step_s: float) -> None:
     """Bring an adjoint one step back: Fᵀ times it."""
     cosine, sine = step_s * math.cos(x[2]), step_s * math.sin(x[2])
     for j in range(2):
-        adjoint[4 + j] = fading * (adjoint[4 + j] + step_s * adjoint[2 + j])
+        adjoint[4 + j] += step_s * adjoint[2 + j]
     adjoint[2] += x[3] * (cosine * adjoint[1] - sine * adjoint[0])
     adjoint[3] += cosine * adjoint[0] + sine * adjoint[1]
 

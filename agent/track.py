@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agent.filtering import EXACT, PERSISTENCE, Belief, change_sigmas, first_belief, smooth, unknown_sigmas
+from agent.filtering import EXACT, Belief, change_sigmas, first_belief, smooth, unknown_sigmas
 from agent.vehicle import Array, recovered_inputs, rollout
 from protocol.arrival import nearest_turn
 from protocol.vehicle import STANDSTILL, Input, Limits
@@ -16,7 +16,7 @@ class Track:
 
     Exact measurements are states, and gaps between them are filled by interpolation. Noisy ones are filtered
     and smoothed, each step anew over the whole window. Since the last measurement the robot is taken to have
-    gone on as it was, its inputs fading.
+    gone on with its last input.
 
     Attributes:
         seen_step: step of the last measurement.
@@ -93,15 +93,14 @@ class Track:
         if not ahead:
             return known
         last = recovered_inputs(known[-2:], self._step_s)[0] if len(known) > 1 else np.zeros(2)
-        fading = PERSISTENCE ** np.arange(1, ahead + 1)[:, None]
-        guessed = rollout(known[-1], fading * last, self._step_s)[1:]
+        guessed = rollout(known[-1], np.tile(last, (ahead, 1)), self._step_s)[1:]
         return np.concatenate([known, self._possible(guessed)])
 
     def _smoothed(self, ahead: int, old: int) -> Array:
         prior = self._prior or first_belief(self._values[0, :4], unknown_sigmas(self._limits))
         values = np.concatenate([self._values, np.zeros((ahead, 6))])
         sigmas = np.concatenate([np.maximum(self._sigmas, EXACT), np.full((ahead, 6), np.inf)])
-        found, means, covariances = smooth(*prior, values, sigmas, self._changes, PERSISTENCE, self._step_s)
+        found, means, covariances = smooth(*prior, values, sigmas, self._changes, self._step_s)
         self._prior = Belief(means[old].copy(), covariances[old].copy())
         return self._possible(found[:, :4])
 

@@ -22,8 +22,8 @@ def _times(factor: float) -> dict[str, float]:
 LEVELS = {"low": _times(1.0), "medium": _times(2.0), "high": _times(4.0)}
 """Fields of sensing, by the names of levels of noise."""
 GRAMMAR = (
-    f"levels with commas between, each {AS_IN_THE_FILE} or made of {', '.join(LEVELS)} and FIELD=VALUE with + "
-    "between, such as low+dropout=0.3"
+    f"levels with commas between, each {AS_IN_THE_FILE} or made of {', '.join(LEVELS)} and FIELD=VALUE "
+    "with + between, such as low+dropout=0.3"
 )
 
 
@@ -43,9 +43,7 @@ def sensing_of(level: str) -> Sensing:
         name, equals, value = part.partition("=")
         fields = {name: _number(name, value)} if equals else LEVELS.get(name)
         if fields is None:
-            raise LevelError(
-                f"{part!r} in {level!r} found, one of {', '.join(LEVELS)} or a field is expected"
-            )
+            raise LevelError(f"{part!r} found, one of {', '.join(LEVELS)} or FIELD=VALUE is expected")
         if again := settings.keys() & fields.keys():
             raise LevelError(f"{level!r} says {min(again)} twice")
         settings |= fields
