@@ -14,7 +14,6 @@ from agent.solver.starts import cold_starts
 from agent.vehicle import Array
 from protocol.scene import Scene
 
-
 RETRY_STEPS = 2
 """Under noise, a cold start is tried every so many steps, each of them in turn."""
 

@@ -1,4 +1,4 @@
-"""What an agent makes of observations with noise or delay: of its own arrival, and of where the others are."""
+"""What an agent makes of noisy or late observations: of its own arrival, and of where others are."""
 
 import math
 from typing import Any
