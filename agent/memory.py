@@ -107,6 +107,11 @@ class Memory:
         """Whether a robot was last seen without noise."""
         return self._tracks[robot].is_exact
 
+    def is_certain(self, robot: str) -> bool:
+        """Whether a robot's present state was seen, and without noise: then all others may see the same."""
+        track = self._tracks[robot]
+        return track.is_exact and track.seen_step == self.step
+
     def _see(self, robot: str, step: int, state: Array, sigmas: Array, driven: Input | None) -> None:
         track = self._tracks.get(robot)
         if track is None or step - track.seen_step - 1 > LONGEST_GAP:

@@ -15,7 +15,7 @@ from agent.vehicle import Array
 from protocol.scene import Scene
 
 RETRY_STEPS = 2
-"""Under noise, a cold start is tried every so many steps, each of them in turn."""
+"""Where robots may see differently, a cold start is tried every so many steps, each of them in turn."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Predictor:
         inputs = {robot: memory.previous_input(robot) for robot in free}
         problem = joint_problem(self._scene, memory.present(), free, resting, inputs)
         starts = self._starts.starts(problem, list(free))
-        if len(starts) == 1 and not all(map(memory.is_exact, free)):
+        if len(starts) == 1 and not all(map(memory.is_certain, free)):
             starts += another_start(problem, memory.step)
         solution = best_solution(self._solver, problem, starts, self._deadline)
         if solution.solved:
@@ -68,9 +68,9 @@ class Predictor:
 
 
 def another_start(problem: JointProblem, step: int) -> list[Start]:
-    """Where else to look for a prediction under noise: at some steps one of the cold starts.
+    """Where else to look for a prediction when robots may see differently: at some steps a cold start.
 
-    Robots that see differently may begin with different ideas of who passes whom on which side, and from its
+    They may begin with different ideas of who passes whom on which side, and from its
     last solution each would hold on to its own, up to a collision. All try the same start at the same step.
     """
     turn, rest = divmod(step, RETRY_STEPS)

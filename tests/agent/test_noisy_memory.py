@@ -147,3 +147,15 @@ def test_a_robot_out_of_view_is_kept_as_long_although_all_views_are_late():
         assert memory.robots == ["a", "me"]
         memory.remember(memory.step + 1, {"me": TRUE[0]}, age_steps=delay)
         assert memory.robots == ["me"]
+
+
+def test_a_state_is_certain_if_it_was_seen_now_and_without_noise():
+    memory = Memory(WINDOW, STEP_S, owner="me")
+    memory.remember(0, {"me": TRUE[0], "a": TRUE[0]})
+    assert memory.is_certain("a")
+    memory.remember(1, {"me": TRUE[0]})
+    assert (memory.is_certain("me"), memory.is_certain("a")) == (True, False)
+    memory.remember(2, {"me": TRUE[0], "a": TRUE[1]}, age_steps=1)
+    assert (memory.is_certain("me"), memory.is_certain("a")) == (True, False)
+    memory.remember(3, {"me": TRUE[0], "a": TRUE[3]}, sigmas=LOW)
+    assert not memory.is_certain("a")
