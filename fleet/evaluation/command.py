@@ -3,7 +3,7 @@
 import os
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any
 
 import typer
 
@@ -11,12 +11,11 @@ from agent.estimation import ESTIMATORS
 from agent.solver import SolverName
 from fleet.bench.machine import this_machine
 from fleet.evaluation.evaluation import Evaluation
-from fleet.evaluation.noise import NoiseName
+from fleet.evaluation.noise import GRAMMAR, LevelError, levels_in
 from fleet.suites.suite import Suite, load_suite
 from protocol.scenario_file import ScenarioError
 from world.process import ExitStatus
 
-NOISE_NAMES = get_args(NoiseName)
 ALL_METHODS = ",".join(ESTIMATORS)
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
@@ -35,7 +34,7 @@ def evaluate(
     solver: Annotated[SolverName, typer.Option(help="What solves the trajectory problems.")] = "realtime",
     seeds: Annotated[int, typer.Option(min=1, help="How many seeds of sensor noise: 0, 1, …")] = 1,
     noise: Annotated[
-        str, typer.Option(metavar="NAME,NAME,…", help=f"Levels of sensor noise: {', '.join(NOISE_NAMES)}.")
+        str, typer.Option(metavar="LEVEL,LEVEL,…", help=f"How well robots see: {GRAMMAR}.")
     ] = "none",
     workers: Annotated[
         int | None,
@@ -76,7 +75,7 @@ def evaluate(
         goals=_chosen(goals, tuple(ESTIMATORS), "--goals"),
         solver=solver,
         seeds=seeds,
-        noise=_chosen(noise, NOISE_NAMES, "--noise"),
+        noise=_levels(noise),
         machine=this_machine(),
         scenarios=dict(loaded.scenarios),
     )
@@ -96,6 +95,13 @@ def _chosen(text: str, names: tuple[str, ...], option: str) -> Any:
             param_hint=option,
         )
     return chosen
+
+
+def _levels(text: str) -> tuple[str, ...]:
+    try:
+        return levels_in(text)
+    except LevelError as error:
+        raise typer.BadParameter(f"{error}; {GRAMMAR}", param_hint="--noise") from None
 
 
 def _loaded(suite: str) -> Suite:

@@ -151,7 +151,7 @@ def test_it_is_told_where_one_seed_stands_for_several(suite: Path, tmp_path: Pat
     [
         (("--goals", "exchanged,psychic"), "'psychic' found, one or more of exchanged, ioc"),
         (("--goals", ""), "'' found"),
-        (("--noise", "deafening"), "one or more of none, low, medium, high"),
+        (("--noise", "deafening"), "'deafening' found, one of low, medium, high or FIELD=VALUE"),
         (("--seeds", 0), "--seeds"),
         (("--workers", 2, "--dask", "tcp://127.0.0.1:1"), "leave out one of"),
     ],
