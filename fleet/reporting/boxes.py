@@ -1,6 +1,7 @@
 """Box plots of methods: a row a method, a box a measure, every scenario as a dot."""
 
 import io
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,17 +11,17 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import ScalarFormatter
+from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 DOTS_PER_INCH = 150
-WIDTH_IN, LEFT_IN, RIGHT_IN, TOP_IN, AXIS_IN, LEGEND_LINE_IN = 7.2, 2.15, 0.2, 0.4, 0.55, 0.22
+WIDTH_IN, LEFT_IN, RIGHT_IN, TOP_IN, AXIS_IN, LEGEND_LINE_IN = 7.2, 2.15, 0.2, 0.4, 0.5, 0.22
 SERIES_IN, GAP_IN = 0.36, 0.2
 """Height of the row of one box, and between methods."""
 INK, RED = "0.25", "#c1121f"
 COLOURS = ("#8ecae6", "#a7d49b", "#ffd166")
 """Of the boxes: the first two as light as the publication's blue and green."""
-DOT, COLLISION, PUBLISHED = "o", "X", "D"
+DOT, BEYOND, COLLISION, PUBLISHED = "o", ">", "X", "D"
 GOLDEN = 0.6180339887498949
 """Multiples of it fill an interval evenly: dots are spread by it, the same way each time."""
 
@@ -52,6 +53,7 @@ class Chart:
         collided: scenarios in which robots collided, by method.
         published: what the publication's marks are.
         line: a limit, and what it is.
+        most: where the axis ends; what lies beyond is marked there.
         logarithmic: for what differs by orders of magnitude.
     """
 
@@ -62,6 +64,7 @@ class Chart:
     collided: Mapping[str, set[str]]
     published: str
     line: tuple[float, str] | None = None
+    most: float = math.inf
     logarithmic: bool = False
 
     def png(self) -> bytes:
@@ -117,6 +120,16 @@ class Chart:
                     _mark(axes, series.published[method], place, PUBLISHED, 5.5, "white", "black", 5)
         if self.line is not None:
             axes.axvline(self.line[0], color=RED, linewidth=1.2, zorder=1)
+        if self._reaches_beyond:
+            left = axes.get_xlim()[0]
+            axes.set_xlim(left, self.most + 0.02 * (self.most - left))
+
+    @property
+    def _reaches_beyond(self) -> bool:
+        values = [
+            each for series in self.series for values in series.values.values() for each in values.values()
+        ]
+        return any(value > self.most for value in values)
 
     def _box(self, axes: Axes, place: float, values: Sequence[float], colour: str) -> None:
         axes.boxplot(
@@ -136,10 +149,12 @@ class Chart:
 
     def _dots(self, axes: Axes, place: float, values: Mapping[str, float], collided: set[str]) -> None:
         spread = ((np.arange(len(values)) * GOLDEN) % 1.0 - 0.5) * 0.6 * SERIES_IN
-        x, y = np.array(list(values.values())), place + spread
+        x, y = np.array(list(values.values())), np.asarray(place + spread, dtype=np.float64)
         hit = np.array([scenario in collided for scenario in values])
-        _scatter(axes, x[~hit], y[~hit], DOT, 2.6, INK, 0.35)
-        _scatter(axes, x[hit], y[hit], COLLISION, 5.5, RED, 0.9)
+        beyond = x > self.most
+        _scatter(axes, x[~hit & ~beyond], y[~hit & ~beyond], DOT, 3.2, INK, 0.45)
+        _scatter(axes, x[beyond].clip(max=self.most), y[beyond], BEYOND, 4.0, INK, 0.45)
+        _scatter(axes, x[hit], y[hit], COLLISION, 6.0, RED, 0.9)
 
     def _style(self, axes: Axes) -> None:
         height = len(self.methods) * (len(self.series) * SERIES_IN + GAP_IN)
@@ -153,7 +168,7 @@ class Chart:
         axes.tick_params(axis="x", labelsize=9, colors=INK, length=3)
         if self.logarithmic:
             axes.set_xscale("log")
-            axes.xaxis.set_major_formatter(ScalarFormatter())
+            axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.set_xlabel(self.axis, fontsize=9, color=INK, labelpad=3)
         axes.grid(axis="x", color="0.9", linewidth=0.6)
         for index in range(1, len(self.methods)):
@@ -168,6 +183,8 @@ class Chart:
             for series, colour in zip(self.series, COLOURS, strict=False):
                 entries[series.label] = Patch(facecolor=colour, edgecolor=INK, linewidth=0.9)
         entries["one scenario"] = _handle(DOT, 3.5, INK)
+        if self._reaches_beyond:
+            entries["one further right"] = _handle(BEYOND, 4.5, INK)
         if any(self.collided.values()):
             entries["scenario with a collision"] = _handle(COLLISION, 6.5, RED)
         if any(series.published for series in self.series):

@@ -1,6 +1,6 @@
 """The publication's four box plots, drawn from the runs of one level of noise."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from itertools import combinations
 
 from fleet.reporting import published
@@ -18,10 +18,12 @@ from fleet.reporting.measures import (
 )
 from protocol.scenario import Scenario
 
+FAR = 1.5
+"""Robots that never come nearer than so many of the largest safety distance do not meet."""
 MEDIAN_MARK = f"median of {published.SOURCE}"
 
 
-def charts(groups: Sequence[Group], scenarios: Iterable[Scenario]) -> dict[str, Chart]:
+def charts(groups: Sequence[Group], scenarios: Collection[Scenario]) -> dict[str, Chart]:
     """By a short name for files.
 
     Args:
@@ -36,6 +38,7 @@ def charts(groups: Sequence[Group], scenarios: Iterable[Scenario]) -> dict[str, 
         return Chart(title, axis, methods, series, collided, **settings)  # type: ignore[arg-type]
 
     collision_m = collision_distance_m(scenarios)
+    safe_m = max(2.0 * (r.radius_m + each.safety_margin_m) for each in scenarios for r in each.robots)
     return {
         "duration": chart(
             "How long it took until all had arrived",
@@ -61,11 +64,12 @@ def charts(groups: Sequence[Group], scenarios: Iterable[Scenario]) -> dict[str, 
                     "smallest distance",
                     SMALLEST_DISTANCE,
                     groups,
-                    lambda method: published.smallest_distance_m(method),
+                    published.smallest_distance_m,
                 )
             ],
             published=f"smallest of all scenarios of {published.SOURCE}",
             line=None if collision_m is None else (collision_m, f"collision below {collision_m:.2f} m"),
+            most=FAR * safe_m,
         ),
         "times": chart(
             "What a decision costs",

@@ -39,7 +39,7 @@ def _level(material: Material, noise: str, groups: list[Group]) -> Level:
     scenarios = material.evaluation.scenarios.values()
     planned = Counter(key.method for key in material.runs if key.noise == noise)
     suffix = f"-{noise}" if len(material.evaluation.noise) > 1 else ""
-    compared = [] if reference is None else [tables.comparisons(groups, reference)]
+    compared = [] if reference is None or len(groups) == 1 else [tables.comparisons(groups, reference)]
     return Level(
         title="Results" if len(material.evaluation.noise) == 1 else f"Noise: {noise}",
         pictures=[
@@ -48,7 +48,7 @@ def _level(material: Material, noise: str, groups: list[Group]) -> Level:
         ],
         tables=[
             tables.medians(groups),
-            *(table for table in compared if table.rows),
+            *compared,
             tables.endings(groups, planned),
             tables.timings(groups),
         ],

@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from statistics import median
 from typing import NamedTuple
 
-from fleet.bench.layout import number
 from fleet.evaluation.row import Row
 from fleet.reporting import published, statistics
 from fleet.reporting.measures import (
@@ -19,7 +18,7 @@ from fleet.reporting.measures import (
     all_arrived,
     cpu_time,
 )
-from fleet.reporting.statistics import Comparison, Estimate
+from fleet.reporting.statistics import Estimate
 
 DASH = "–"
 
@@ -76,41 +75,32 @@ def _or_never(finished: Sequence[float], missing: int) -> str:
 
 def comparisons(groups: Sequence[Group], reference: Group) -> Table:
     """Every other method beside the reference, in the same scenarios."""
-    rows = []
-    for group in groups:
-        if group is reference:
-            continue
-        for measure in MEASURES:
-            compared = statistics.compare(group.by_scenario(measure), reference.by_scenario(measure))
-            if compared is not None:
-                rows.append(_comparison_row(group, reference, measure, compared))
     return Table(
-        f"Beside {reference.method}, scenario by scenario",
-        (
-            *("Method", "figure", "scenarios", "ratio of medians"),
-            *("median difference", "scenarios with less · equal · more"),
-        ),
-        rows,
+        f"Beside {reference.method}: ratio of medians, then the median difference in a scenario, with 95 % "
+        "intervals; in how many scenarios the figure is smaller, equal and larger",
+        ("Method", *(measure.name for measure in MEASURES)),
+        [
+            (Cell(group.method), *(_comparison_cell(group, reference, measure) for measure in MEASURES))
+            for group in groups
+            if group is not reference
+        ],
     )
 
 
-def _comparison_row(
-    group: Group, reference: Group, measure: Measure, compared: Comparison
-) -> tuple[Cell, ...]:
+def _comparison_cell(group: Group, reference: Group, measure: Measure) -> Cell:
+    compared = statistics.compare(group.by_scenario(measure), reference.by_scenario(measure))
+    if compared is None:
+        return Cell(DASH)
     own = published.median_of(group.method, measure.column)
     theirs = published.median_of(reference.method, measure.column)
-    known = () if own is None or theirs is None else (f"published {own / theirs:.2f}",)
-    return (
-        Cell(group.method),
-        Cell(measure.name),
-        Cell(str(compared.scenarios)),
-        Cell(f"{compared.ratio.value:.3f}", (*_interval(compared.ratio, 3), *known)),
-        Cell(
-            f"{compared.difference.value:+.2f} {measure.unit}",
-            tuple(_interval(compared.difference, sign=True)),
-        ),
-        Cell(f"{compared.less} · {compared.equal} · {compared.more}"),
-    )
+    small = _interval(compared.ratio, 3)
+    if own is not None and theirs is not None:
+        small.append(f"published {own / theirs:.2f}")
+    digits = 3 if measure is SMALLEST_DISTANCE else 2
+    small.append(f"{_signed(compared.difference.value, digits)} {measure.unit}")
+    small += _interval(compared.difference, digits, sign=True)
+    small.append(f"{compared.less} less, {compared.equal} equal, {compared.more} more")
+    return Cell(f"{compared.ratio.value:.3f}", tuple(small))
 
 
 def endings(groups: Sequence[Group], planned: Mapping[str, int]) -> Table:
@@ -177,7 +167,7 @@ def timings(groups: Sequence[Group]) -> Table:
             for statistic in ("p50", "p99"):
                 measure = cpu_time(phase, statistic)
                 of_runs = [value for row in group.rows if (value := getattr(row, measure.column)) is not None]
-                highest = (f"highest {number(max(of_runs))}",) if of_runs else ()
+                highest = (f"highest {_significant(max(of_runs))}",) if of_runs else ()
                 cells.append(Cell(middle(list(group.by_scenario(measure).values())), highest))
         rows.append(tuple(cells))
     return Table(
@@ -212,9 +202,8 @@ def _durations(group: Group, base: Mapping[str, float]) -> Callable[[str], Cell]
         rows = [row for row in group.rows if row.scenario == scenario]
         if not rows:
             return Cell("missing")
-        small = (
-            [f"{values[scenario] - base[scenario]:+.1f}"] if scenario in values and scenario in base else []
-        )
+        both = scenario in values and scenario in base
+        small = [_signed(values[scenario] - base[scenario], 1)] if both else []
         harm = [_harm(row) for row in rows if _harm(row)]
         if harm:
             how = ", ".join(dict.fromkeys(harm))
@@ -268,11 +257,16 @@ def _level_cell(group: Group, base: Mapping[str, float]) -> Cell:
 
 
 def _interval(estimate: Estimate, digits: int = 2, *, sign: bool = False) -> list[str]:
-    """In words that stay together."""
     if estimate.low is None or estimate.high is None:
         return []
-    plus = "+" if sign else ""
-    return [f"{estimate.low:{plus}.{digits}f} … {estimate.high:{plus}.{digits}f}"]
+    ends = (_signed(end, digits) if sign else f"{end:.{digits}f}" for end in (estimate.low, estimate.high))
+    return [" … ".join(ends)]
+
+
+def _signed(value: float, digits: int) -> str:
+    """With its sign, unless it is rounded to zero."""
+    rounded = round(value, digits)
+    return f"{rounded:+.{digits}f}" if rounded else f"{0.0:.{digits}f}"
 
 
 def _between(estimate: Estimate, digits: int) -> str:
@@ -280,5 +274,9 @@ def _between(estimate: Estimate, digits: int) -> str:
 
 
 def middle(values: Sequence[float]) -> str:
-    """The median of some values as text."""
-    return number(median(values) if values else None)
+    """The median of some values as text, with the digits that matter."""
+    return _significant(median(values)) if values else DASH
+
+
+def _significant(value: float) -> str:
+    return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"

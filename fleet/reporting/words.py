@@ -63,8 +63,8 @@ def notes(material: Material) -> list[str]:
         "longest” is the median if each scenario with a run that did not arrive, or failed, had taken longer "
         "than all others.",
         f"Intervals: {CONFIDENCE:.0%} percentile bootstrap over scenarios, {RESAMPLES} resamples, seed "
-        f"{SEED}; in comparisons both methods are resampled together. They tell how much the choice of scenarios "
-        "matters, and nothing else.",
+        f"{SEED}; in comparisons both methods are resampled together. They tell how much the choice of "
+        "scenarios matters, and nothing else.",
         "A fallback is a trajectory problem without solution; the robot then drives by its failure rule.",
         "CPU times are those of the thread that decides; runs may have been made side by side. The first "
         "decisions of a run are the slowest, so in a short run they are the 99th percentile.",
