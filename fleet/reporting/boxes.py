@@ -107,17 +107,15 @@ class Chart:
 
     def draw(self, axes: Axes) -> None:
         """Draw all boxes, dots and marks into axes."""
-        for index, method in enumerate(self.methods):
-            for number, series in enumerate(self.series):
-                place = (
-                    index * (len(self.series) * SERIES_IN + GAP_IN) + GAP_IN / 2 + (number + 0.5) * SERIES_IN
-                )
-                values = series.values.get(method, {})
-                if values:
-                    self._box(axes, place, list(values.values()), COLOURS[number])
-                    self._dots(axes, place, values, self.collided.get(method, set()))
-                if method in series.published:
-                    _mark(axes, series.published[method], place, PUBLISHED, 5.5, "white", "black", 5)
+        for number, series in enumerate(self.series):
+            places = {method: self._place(index, number) for index, method in enumerate(self.methods)}
+            shown = {method: series.values[method] for method in self.methods if series.values.get(method)}
+            if shown:
+                self._boxes(axes, [places[method] for method in shown], shown, COLOURS[number])
+            for method, values in shown.items():
+                self._dots(axes, places[method], values, self.collided.get(method, set()))
+            for method in self.methods.keys() & series.published.keys():
+                _mark(axes, series.published[method], places[method], PUBLISHED, 5.5, "white", "black", 5)
         if self.line is not None:
             axes.axvline(self.line[0], color=RED, linewidth=1.2, zorder=1)
         if self._reaches_beyond:
@@ -131,10 +129,20 @@ class Chart:
         ]
         return any(value > self.most for value in values)
 
-    def _box(self, axes: Axes, place: float, values: Sequence[float], colour: str) -> None:
+    def _place(self, method: int, series: int) -> float:
+        height_in = len(self.series) * SERIES_IN + GAP_IN
+        return method * height_in + GAP_IN / 2.0 + (series + 0.5) * SERIES_IN
+
+    def _boxes(
+        self,
+        axes: Axes,
+        places: Sequence[float],
+        shown: Mapping[str, Mapping[str, float]],
+        colour: str,
+    ) -> None:
         axes.boxplot(
-            [values],
-            positions=[place],
+            [list(values.values()) for values in shown.values()],
+            positions=places,
             widths=0.72 * SERIES_IN,
             orientation="horizontal",
             manage_ticks=False,

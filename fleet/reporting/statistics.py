@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import bootstrap
 
 CONFIDENCE = 0.95
-RESAMPLES = 4999
+RESAMPLES = 9999
 SEED = 0
 """Of the resampling: the same runs give the same intervals."""
 BATCH = 1000
