@@ -97,8 +97,8 @@ def _comparison_cell(group: Group, reference: Group, measure: Measure) -> Cell:
     if own is not None and theirs is not None:
         small.append(f"published {own / theirs:.2f}")
     digits = 3 if measure is SMALLEST_DISTANCE else 2
-    small.append(f"{_signed(compared.difference.value, digits)} {measure.unit}")
-    small += _interval(compared.difference, digits, sign=True)
+    between = _between(compared.difference, digits, sign=True)
+    small.append(f"{_signed(compared.difference.value, digits)} {measure.unit}{between}")
     small.append(f"{compared.less} less, {compared.equal} equal, {compared.more} more")
     return Cell(f"{compared.ratio.value:.3f}", tuple(small))
 
@@ -269,8 +269,8 @@ def _signed(value: float, digits: int) -> str:
     return f"{rounded:+.{digits}f}" if rounded else f"{0.0:.{digits}f}"
 
 
-def _between(estimate: Estimate, digits: int) -> str:
-    return "".join(f" ({each})" for each in _interval(estimate, digits))
+def _between(estimate: Estimate, digits: int, *, sign: bool = False) -> str:
+    return "".join(f" ({each})" for each in _interval(estimate, digits, sign=sign))
 
 
 def middle(values: Sequence[float]) -> str:
