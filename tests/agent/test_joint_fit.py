@@ -12,15 +12,8 @@ from realtime_helpers import closed_loop, data_of, random_crossing
 
 import agent.estimation.joint_fit as module
 from agent.estimation.inverse_optimal_control import InverseOptimalControl
-from agent.estimation.joint_fit import (
-    AHEAD_M,
-    LONGEST_M,
-    SIGMAS,
-    WINDOW,
-    JointFit,
-    gauss_newton,
-    window_of,
-)
+from agent.estimation.joint_fit import LONGEST_M, SIGMAS, WINDOW, JointFit, gauss_newton
+from agent.estimation.window import AHEAD_M, window_of
 from agent.memory import Memory
 from agent.solver.realtime.interior_point import Program, respond, solve_program
 from agent.solver.realtime.profiles import pull_back, states_of
