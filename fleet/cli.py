@@ -19,6 +19,7 @@ from fleet.conduct import Stream, conduct
 from fleet.evaluation.command import evaluate
 from fleet.experiment import Experiment, prepare
 from fleet.live import run_processes
+from fleet.reporting.command import report
 from fleet.simulation import simulate as simulate_messages
 from fleet.suites.command import app as scenarios
 from protocol.scenario_file import ScenarioError
@@ -126,6 +127,7 @@ app.command("agent")(agent.__main__.main)
 app.command("bench")(bench)
 app.add_typer(scenarios, name="scenarios")
 app.command("evaluate")(evaluate)
+app.command("report")(report)
 
 
 def _tell_version(wanted: bool) -> None:

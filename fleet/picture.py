@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -28,7 +28,7 @@ LEAST_ASPECT, MOST_ASPECT = 0.6, 1.4
 INK = "0.25"
 
 
-def draw_paths(scenario: Scenario, course: Course, summary: Summary, path: Path) -> None:
+def draw_paths(scenario: Scenario, course: Course, summary: Summary, path: Path | BinaryIO) -> None:
     """Draw a run into a PNG file.
 
     Each panel shows the ways driven until its time, every robot as the disc of its body with its safety
@@ -39,7 +39,7 @@ def draw_paths(scenario: Scenario, course: Course, summary: Summary, path: Path)
         scenario: what was run.
         course: what happened; before its first truth, the start is drawn.
         summary: how it ended.
-        path: the file to write.
+        path: the file to write, or one that is open.
 
     Raises:
         OSError: the file cannot be written.

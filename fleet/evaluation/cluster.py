@@ -12,7 +12,7 @@ import dask
 from distributed import Client, Future, KilledWorker, LocalCluster
 
 from fleet.evaluation.evaluation import Run
-from fleet.evaluation.row import Row
+from fleet.evaluation.row import DIED, Row
 from fleet.evaluation.running import execute
 from fleet.interruption import Interruption
 
@@ -132,8 +132,7 @@ def _row(future: "Future[Row]", run: Run) -> Row | None:
     except TimeoutError:
         return None
     except KilledWorker:
-        why = "the worker process died each time that this was tried"
-        return Row.without_result(run.key, len(run.scenario.robots), why)
+        return Row.without_result(run.key, len(run.scenario.robots), DIED)
     except Exception as error:  # such as one from a worker that lacks this software
         return Row.without_result(
             run.key, len(run.scenario.robots), f"on the worker: {type(error).__name__}: {error}"

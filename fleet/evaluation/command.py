@@ -3,11 +3,12 @@
 import os
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import typer
 
-from agent.estimation import ESTIMATORS
+from agent.__main__ import checked_goals
+from agent.estimation import ESTIMATORS, GoalsName
 from agent.solver import SolverName
 from fleet.bench.machine import this_machine
 from fleet.evaluation.evaluation import Evaluation
@@ -16,8 +17,16 @@ from fleet.suites.suite import Suite, load_suite
 from protocol.scenario_file import ScenarioError
 from world.process import ExitStatus
 
-ALL_METHODS = ",".join(ESTIMATORS)
+METHODS = get_args(GoalsName)
+ALL_ESTIMATORS = ",".join(ESTIMATORS)
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _checked_methods(text: str) -> str:
+    """A list of methods that can all be used here, so that none turns out to be missing after hours."""
+    for name in _chosen(text, METHODS, "--goals"):
+        checked_goals(name)
+    return text
 
 
 def evaluate(
@@ -29,8 +38,14 @@ def evaluate(
         ),
     ],
     goals: Annotated[
-        str, typer.Option(metavar="NAME,NAME,…", help=f"Methods to compare: {', '.join(ESTIMATORS)}.")
-    ] = ALL_METHODS,
+        str,
+        typer.Option(
+            metavar="NAME,NAME,…",
+            callback=_checked_methods,
+            help=f"Methods to compare: {', '.join(METHODS)}.",
+            show_default="all that estimate goals, and exchanged ones",
+        ),
+    ] = ALL_ESTIMATORS,
     solver: Annotated[SolverName, typer.Option(help="What solves the trajectory problems.")] = "realtime",
     seeds: Annotated[int, typer.Option(min=1, help="How many seeds of sensor noise: 0, 1, …")] = 1,
     noise: Annotated[
@@ -72,11 +87,12 @@ def evaluate(
     loaded = _loaded(suite)
     evaluation = Evaluation(
         suite=loaded.name,
-        goals=_chosen(goals, tuple(ESTIMATORS), "--goals"),
+        goals=_chosen(goals, METHODS, "--goals"),
         solver=solver,
         seeds=seeds,
         noise=_levels(noise),
         machine=this_machine(),
+        begun=datetime.now().astimezone().replace(microsecond=0),
         scenarios=dict(loaded.scenarios),
     )
     directory = out or Path("runs") / f"evaluation-{loaded.name}-{datetime.now():%Y%m%d-%H%M%S}"

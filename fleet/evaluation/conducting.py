@@ -24,7 +24,7 @@ from fleet.evaluation.table import method_table
 from fleet.interruption import Interruption
 from world.process import ExitStatus
 
-WIDTH = 100
+WIDTH = 110
 """What the table needs."""
 SPEED_S = 600.0
 """The time left is judged by what was done in so many seconds: runs differ much."""

@@ -1,6 +1,7 @@
 """What is evaluated: the settings that stand in ``experiment.json``, and the runs that they ask for."""
 
 from collections.abc import Iterator
+from datetime import datetime
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_serializer
@@ -39,6 +40,8 @@ class Evaluation(Record):
     noise: tuple[NoiseLevel, ...]
     machine: Machine
     """Where it began, and the version and commit of this software."""
+    begun: datetime | None = None
+    """When it began; None where an earlier version did not note it."""
     scenarios: dict[str, Scenario]
     """By the stems of their files."""
 

@@ -10,6 +10,8 @@ from fleet.summary import Phases, Summary
 
 FAILED = "failed"
 """The verdict of a run that ended with an exception."""
+DIED = "the worker process died each time that this was tried"
+"""The reason of a run that took its process along."""
 _LONGEST_REASON = 500
 
 Line = Annotated[str, Field(pattern=r"^[^\r\n]*$")]

@@ -34,8 +34,9 @@ def _make_ready(goals: GoalsName, solver: SolverName) -> None:
     warm_up(goals, solver)
 
 
-def _drive(run: Run) -> Row:
-    facts = RunFacts(
+def facts_of(run: Run) -> RunFacts:
+    """How this run is made."""
+    return RunFacts(
         scenario=run.scenario.name,
         goals=run.goals,
         solver=run.solver,
@@ -44,6 +45,10 @@ def _drive(run: Run) -> Row:
         run="evaluation",
         version=version("unspoken"),
     )
+
+
+def _drive(run: Run) -> Row:
+    facts = facts_of(run)
     tally = Tally()
     cpu_s, wall_s = time.thread_time(), time.perf_counter()
     for moment in closed_loop(run.scenario, facts, time.thread_time):

@@ -39,8 +39,8 @@ SOLVERS: dict[str, JointSolver] = {
 
 
 def published() -> dict[str, Any]:
-    """Scenario 8a as the publication's plot data show it; see tests/data/README.md."""
-    path = Path(__file__).parent.parent / "data" / "publication.json"
+    """Scenario 8a as the publication's plot data show it; see fleet/reporting/publication.md."""
+    path = Path(__file__).parents[2] / "fleet" / "reporting" / "publication.json"
     content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))["scenario_8a"]
     return content
 

@@ -8,6 +8,8 @@ import pytest
 from distributed import KilledWorker
 from evaluation_helpers import InThisProcess, unspoken_evaluate, use, write_suite
 
+import agent.__main__
+from agent.estimation import ESTIMATORS
 from fleet.evaluation import running
 from fleet.evaluation.evaluation import Run
 from fleet.evaluation.results import read_rows
@@ -144,6 +146,35 @@ def test_it_is_told_where_one_seed_stands_for_several(suite: Path, tmp_path: Pat
     told = unspoken_evaluate(*command).stderr
     assert "Without noise all seeds give the same run: seed 0 only for 2 of 4 scenarios" in told
     assert len(driven) == 2 * 1 + 2 * 3
+
+
+def test_baselines_are_rows_of_the_same_table(suite: Path, tmp_path: Path, driven: list[Run]):
+    baselines = ("constant-acceleration-alone", "constant-velocity", "orca")
+    result = unspoken_evaluate(suite, "--goals", ",".join(baselines), "--out", tmp_path / "out")
+    assert result.exit_code == 0
+    assert len(driven) == 6
+    for method in baselines:
+        assert line_of(result.stdout, method) == [method, "none", "2", "2", "0", "0", "6", "–", "–"]
+
+
+def test_by_default_the_estimators_are_compared_and_no_baseline(
+    suite: Path, tmp_path: Path, driven: list[Run]
+):
+    unspoken_evaluate(suite, "--out", tmp_path / "out")
+    assert {run.goals for run in driven} == set(ESTIMATORS)
+
+
+def test_a_baseline_that_cannot_be_used_is_told_before_anything_is_run(
+    suite: Path, tmp_path: Path, driven: list[Run], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(agent.__main__, "is_available", lambda: False)
+    result = unspoken_evaluate(suite, "--goals", "exchanged,orca", "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    told = " ".join(result.stderr.replace("│", " ").split())
+    assert "--goals" in told
+    assert "orca needs the library pyrvo" in told
+    assert driven == []
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

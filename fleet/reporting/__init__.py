@@ -1,0 +1,1 @@
+"""Reports: what came out of an evaluation, as a page with figures."""
