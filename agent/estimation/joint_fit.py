@@ -35,9 +35,9 @@ from protocol.scene import Scene
 WINDOW = 12
 """K_w: steps that are explained, or as many as all robots were seen."""
 SIGMAS = np.array([0.5, 0.5, 1.0, 2.0])
-"""σ of p_x, p_y, ψ and v, in m, rad and m/s: how well the model explains a robot. It plans anew at every step,
-among beliefs that differ from the ones of now, and windows overlap, so that a step is looked at K_w times: a
-stretch of driving says much less than its exact poses promise."""
+"""σ of p_x, p_y, ψ and v, in m, rad and m/s: how well the model explains a robot. It plans anew at every
+step, among beliefs that differ from the ones of now, and windows overlap, so that a step is looked at K_w
+times: a stretch of driving says much less than its exact poses promise."""
 FORGETTING = 1.2
 """Factor on the covariance of an estimate from one step to the next."""
 DRIFT_M = 0.1
