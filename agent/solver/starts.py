@@ -29,7 +29,7 @@ def cold_starts(problem: JointProblem) -> list[Start]:
 
 
 def escapes(problem: JointProblem) -> list[Start]:
-    """Starts for when the way ahead is blocked: every robot brakes and turns as quickly as it can, left or right.
+    """Starts for when the way ahead is blocked: all brake and turn as quickly as they can, to either side.
 
     Standing still is a stationary point: a heading matters only to a robot that drives.
     """
