@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 import zenoh
 
-from agent.estimation import GoalsName
+from agent.estimation import DEFAULT_GOALS, GoalsName
 from agent.orca import is_available
 from agent.process import RobotOptions, RobotProcess, SceneError
 from agent.solver import ITERATIONS, SolverName
@@ -108,7 +108,7 @@ def main(
             callback=checked_goals,
             help=GOALS_HELP,
         ),
-    ] = "ioc",
+    ] = DEFAULT_GOALS,
     solver: Annotated[
         SolverName,
         typer.Option(

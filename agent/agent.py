@@ -90,7 +90,12 @@ class Agent:
         self._goal = goal
         self._scene = scene
         self._clock = clock
-        self._memory = Memory(scene.horizons.estimation_steps + 2, scene.step_s)
+        self._memory = Memory(
+            scene.horizons.estimation_steps + 2,
+            scene.step_s,
+            owner=robot,
+            limits_of=lambda each: scene.robot(each).limits,
+        )
         self._deadline = Deadline(clock, budget_s)
         trajectories = joint_solver(solver, iterations, self._deadline)
         method = method_of(goals, scene, robot, trajectories, self._deadline)
@@ -106,13 +111,12 @@ class Agent:
         Returns:
             The decision; None for an observation that is not newer than the last one or lacks this robot.
         """
-        seen = {robot: state.as_tuple() for robot, state in observation.robots.items()}
-        if self._robot not in seen or not self._memory.remember(observation.step, seen):
+        if self._robot not in observation.robots or not self._remember(observation):
             return None
         watch = Stopwatch(self._clock)
         self._deadline.begin()
         self._forget_late_commands()
-        self._arrived = self._arrived or self._is_at(self._goal, self._robot)
+        self._arrived = self._has_arrived()
         thought = _Thought() if self._arrived else self._think(watch)
         self._solver_failures += len(thought.failed)
         control, then = self._act(thought)
@@ -130,6 +134,22 @@ class Agent:
     def withdraw(self) -> None:
         """Take back the command of the last decision, which came too late to be given."""
         self._given.pop()
+
+    def _remember(self, observation: Observation) -> bool:
+        seen = {robot: state.as_tuple() for robot, state in observation.robots.items()}
+        driven = self._driven_after(self._given[-1], observation.step) if self._given else None
+        return self._memory.remember(
+            observation.step,
+            seen,
+            sigmas=observation.accuracy.as_tuple(),
+            age_steps=observation.age_steps,
+            driven=driven,
+        )
+
+    def _has_arrived(self) -> bool:
+        """For good, if it was seen without noise; otherwise only as long as it looks like that."""
+        for_good = self._arrived and self._memory.is_exact(self._robot)
+        return for_good or self._is_at(self._goal, self._robot)
 
     def _think(self, watch: Stopwatch) -> _Thought:
         with watch.phase("estimate"):
@@ -165,7 +185,8 @@ class Agent:
         Noise can hide that, and so can steps that it did not see; then all of them count as driven.
         """
         seen = self._memory.previous_input(self._robot)
-        possible = [*map(self._driven_after, reversed(self._given)), STANDSTILL]
+        step = self._memory.step
+        possible = [*(self._driven_after(given, step) for given in reversed(self._given)), STANDSTILL]
         for late, driven in enumerate(possible):
             if is_same_input(seen, driven, self._limits):
                 for _ in range(late):
@@ -174,13 +195,13 @@ class Agent:
 
     def _previous_input(self) -> Input:
         """What this robot drove at the step before; recovered from poses until it has given a command."""
-        return (
-            self._driven_after(self._given[-1]) if self._given else self._memory.previous_input(self._robot)
-        )
+        if not self._given:
+            return self._memory.previous_input(self._robot)
+        return self._driven_after(self._given[-1], self._memory.step)
 
-    def _driven_after(self, given: _Given) -> Input:
-        """What this robot drove at the step before if this was its last command in time."""
-        missed_steps = self._memory.step - given.command.step - 1
+    def _driven_after(self, given: _Given, step: int) -> Input:
+        """What this robot drove before a step if this was its last command in time."""
+        missed_steps = step - given.command.step - 1
         return driven_last(given.command, given.speed_mps, missed_steps, self._limits, self._scene.step_s)
 
     @property
@@ -191,12 +212,17 @@ class Agent:
         return float(self._memory.state(self._robot)[3])
 
     def _known_parked(self) -> set[str]:
-        """Other robots known to have arrived: only where goals are shared. A parked robot stays parked."""
+        """Other robots known to have arrived: only where goals are shared.
+
+        A parked robot stays parked; under noise it may only have looked like one.
+        """
         shared = self._scene.goals if self._estimator.goals_are_shared else None
-        for robot in set(self._memory.robots) - {self._robot}:
+        present = set(self._memory.robots)
+        self._parked -= {robot for robot in present if not self._memory.is_exact(robot)}
+        for robot in present - {self._robot}:
             if shared is not None and robot in shared and self._is_at(shared[robot], robot):
                 self._parked.add(robot)
-        return self._parked & set(self._memory.robots)
+        return self._parked & present
 
     def _is_at(self, goal: Goal, robot: str) -> bool:
         state = self._memory.state(robot).tolist()

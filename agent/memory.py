@@ -1,43 +1,65 @@
 """What one robot remembers: the last observed states of every robot it has seen."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from agent.vehicle import Array, recovered_inputs, rollout
-from protocol.arrival import nearest_turn
-from protocol.vehicle import STANDSTILL, Input
+from agent.track import Track
+from agent.vehicle import Array
+from protocol.vehicle import Input, Limits
 
 LONGEST_GAP = 10
 """Steps for which an unseen robot is taken to go on as it was; after that it counts as gone."""
 
 
-@dataclass
-class _Track:
-    """One robot's states at consecutive steps up to the newest; the last ``unseen`` of them are guesses."""
-
-    states: Array
-    unseen: int = 0
-
-
 class Memory:
     """A fixed window of states per robot, one state a step, headings without jumps by whole turns.
 
-    A robot not seen at a step is taken to go on as it was; once it is seen again, the gap is filled by
-    interpolation instead.
+    What was measured earlier belongs to that earlier step, and noisy measurements are smoothed
+    (:class:`agent.track.Track`); whoever reads the states sees nothing of that.
     """
 
-    def __init__(self, window: int, step_s: float) -> None:
-        """Remember at least ``window`` states a robot, taken every ``step_s`` seconds."""
+    def __init__(
+        self,
+        window: int,
+        step_s: float,
+        *,
+        owner: str | None = None,
+        limits_of: Callable[[str], Limits] = lambda _: Limits(),
+    ) -> None:
+        """Remember states taken every ``step_s`` seconds.
+
+        Args:
+            window: so many a robot at least.
+            step_s: Δt.
+            owner: the robot that remembers, whose own measurements are never old.
+            limits_of: limits of each robot.
+        """
         self._window = max(window, LONGEST_GAP + 2)
         self._step_s = step_s
-        self._tracks: dict[str, _Track] = {}
+        self._owner = owner
+        self._limits_of = limits_of
+        self._tracks: dict[str, Track] = {}
         self.step = -1
         """The newest step seen; −1 before the first observation."""
 
-    def remember(self, step: int, seen: Mapping[str, Sequence[float]]) -> bool:
-        """Take in what was seen at a step: robot to (p_x, p_y, ψ, v).
+    def remember(
+        self,
+        step: int,
+        seen: Mapping[str, Sequence[float]],
+        *,
+        sigmas: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
+        age_steps: int = 0,
+        driven: Input | None = None,
+    ) -> bool:
+        """Take in what was seen at a step.
+
+        Args:
+            step: the present one.
+            seen: robot to (p_x, p_y, ψ, v).
+            sigmas: standard deviations of these; zero for exact.
+            age_steps: how many steps ago the others were in these states.
+            driven: the owner's input at the step before, if it is known.
 
         Returns:
             False for a step not newer than the last one: repeated, old and out-of-order observations change
@@ -45,17 +67,18 @@ class Memory:
         """
         if step <= self.step:
             return False
-        passed = step - self.step
         self.step = step
-        for robot, track in self._tracks.items():
-            self._go_on(track, passed if robot not in seen else passed - 1)
-        for robot in [robot for robot, track in self._tracks.items() if track.unseen > LONGEST_GAP]:
-            del self._tracks[robot]
+        accuracy = np.array(sigmas, dtype=float)
         for robot, state in seen.items():
-            if robot in self._tracks:
-                self._see_again(self._tracks[robot], np.array(state, dtype=float))
+            own = robot == self._owner
+            seen_step = step if own else step - age_steps
+            self._see(robot, seen_step, np.array(state, dtype=float), accuracy, driven if own else None)
+        for robot, track in list(self._tracks.items()):
+            age = 0 if robot == self._owner else age_steps
+            if step - age - track.seen_step > LONGEST_GAP:
+                del self._tracks[robot]
             else:
-                self._tracks[robot] = _Track(np.array([state], dtype=float))
+                track.go_on(step, self._window)
         return True
 
     @property
@@ -78,22 +101,21 @@ class Memory:
 
     def previous_input(self, robot: str) -> Input:
         """The input that led to the present state; zero when only one state is known."""
-        states = self.states(robot, 2)
-        return Input(*recovered_inputs(states, self._step_s)[-1].tolist()) if len(states) == 2 else STANDSTILL
+        return self._tracks[robot].previous_input
 
-    def _go_on(self, track: _Track, steps: int) -> None:
-        if steps <= 0:
-            return
-        steps = min(steps, LONGEST_GAP + 1)
-        ahead = rollout(track.states[-1], np.zeros((steps, 2)), self._step_s)[1:]
-        track.states = np.concatenate([track.states, ahead])[-self._window :]
-        track.unseen += steps
+    def is_exact(self, robot: str) -> bool:
+        """Whether a robot was last seen without noise."""
+        return self._tracks[robot].is_exact
 
-    def _see_again(self, track: _Track, state: Array) -> None:
-        known = track.states[: len(track.states) - track.unseen]
-        last = known[-1]
-        state[2] = nearest_turn(state[2], last[2])
-        shares = np.arange(1, track.unseen + 1)[:, None] / (track.unseen + 1)
-        between = last + shares * (state - last)
-        track.states = np.concatenate([known, between, state[None]])[-self._window :]
-        track.unseen = 0
+    def is_certain(self, robot: str) -> bool:
+        """Whether a robot's present state was seen, and without noise: then all others may see the same."""
+        track = self._tracks[robot]
+        return track.is_exact and track.seen_step == self.step
+
+    def _see(self, robot: str, step: int, state: Array, sigmas: Array, driven: Input | None) -> None:
+        track = self._tracks.get(robot)
+        if track is None or step - track.seen_step - 1 > LONGEST_GAP:
+            limits = self._limits_of(robot)
+            self._tracks[robot] = Track(step, state, sigmas, limits, self._step_s)
+        elif step > track.seen_step:
+            track.see(step, state, sigmas, driven)

@@ -9,9 +9,13 @@ from agent.deadline import Deadline
 from agent.memory import Memory
 from agent.problems import WarmStarts, joint_problem
 from agent.solver.choice import best_solution
-from agent.solver.problem import JointSolver, Start
+from agent.solver.problem import JointProblem, JointSolver, Start
+from agent.solver.starts import cold_starts
 from agent.vehicle import Array
 from protocol.scene import Scene
+
+RETRY_STEPS = 2
+"""Where robots may see differently, a cold start is tried every so many steps, each of them in turn."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,8 @@ class Predictor:
         inputs = {robot: memory.previous_input(robot) for robot in free}
         problem = joint_problem(self._scene, memory.present(), free, resting, inputs)
         starts = self._starts.starts(problem, list(free))
+        if len(starts) == 1 and not all(map(memory.is_certain, free)):
+            starts += another_start(problem, memory.step)
         solution = best_solution(self._solver, problem, starts, self._deadline)
         if solution.solved:
             self._starts.keep(list(free), solution)
@@ -59,3 +65,16 @@ class Predictor:
             states=moving,
             solved=solution.solved,
         )
+
+
+def another_start(problem: JointProblem, step: int) -> list[Start]:
+    """Where else to look for a prediction when robots may see differently: at some steps a cold start.
+
+    They may begin with different ideas of who passes whom on which side, and from its
+    last solution each would hold on to its own, up to a collision. All try the same start at the same step.
+    """
+    turn, rest = divmod(step, RETRY_STEPS)
+    if rest:
+        return []
+    starts = cold_starts(problem)
+    return [starts[turn % len(starts)]]

@@ -17,7 +17,7 @@ from agent.compiled import FOLDER, is_complete, is_writable, mark_complete, plac
 from agent.estimation import GoalsName
 from agent.solver import SolverName
 from agent.vehicle import rollout
-from protocol.messages import Observation, State
+from protocol.messages import Accuracy, Observation, State
 from protocol.scene import Goal, Horizons, PublicRobot, Scene
 
 LOOK_S = 0.1
@@ -29,6 +29,8 @@ MEETING = {"1": (-1.5, 0.0, 0.0, 0.5), "2": (1.5, 0.1, 3.0, 0.5)}
 GOALS = {"1": Goal(x_m=1.5, y_m=0.0, heading_rad=0.0), "2": Goal(x_m=-1.5, y_m=0.0, heading_rad=3.0)}
 PARKING = State.of(0.5, 0.0, 0.0, 0.5)
 """So near to its goal a robot may decide in another way."""
+NOISY = Accuracy(position_m=0.01)
+"""States that were seen with noise are filtered."""
 TURN = np.array([[0.1, 0.2]])
 """What they drive, rad/s and m/s²: something from which goals can be inferred."""
 
@@ -96,7 +98,10 @@ def warm_up(goals: GoalsName, solver: SolverName) -> float:
     ]
     seen.append({**seen[-1], "1": PARKING})
     for step, states in enumerate(seen):
-        agent.decide(Observation(epoch=0, step=step, time_s=step * scene.step_s, robots=states))
+        accuracy = Accuracy() if step else NOISY
+        agent.decide(
+            Observation(epoch=0, step=step, time_s=step * scene.step_s, robots=states, accuracy=accuracy)
+        )
     return time.perf_counter() - begin_s
 
 

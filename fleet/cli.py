@@ -11,7 +11,7 @@ import typer
 
 import agent.__main__
 import world.__main__
-from agent.estimation import GoalsName
+from agent.estimation import DEFAULT_GOALS, GoalsName
 from agent.solver import ITERATIONS, SolverName
 from fleet.bench.command import bench
 from fleet.compiling import announced
@@ -58,7 +58,7 @@ OutOption = Annotated[
 @app.command()
 def run(
     scenario: ScenarioArgument,
-    goals: GoalsOption = "ioc",
+    goals: GoalsOption = DEFAULT_GOALS,
     clock: Annotated[
         ClockKind,
         typer.Option(help="Wait for every robot at every step, or publish one step every Δt."),
@@ -97,7 +97,7 @@ def run(
 @app.command()
 def simulate(
     scenario: ScenarioArgument,
-    goals: GoalsOption = "ioc",
+    goals: GoalsOption = DEFAULT_GOALS,
     clock: Annotated[
         ClockKind,
         typer.Option(help="Taken as for run; in virtual time no command is late, so both drive the same."),

@@ -57,6 +57,20 @@ class State(_Strict):
 
 
 Robots = Annotated[dict[Name, State], Field(max_length=MAX_ROBOTS)]
+Deviation = Annotated[float, Field(ge=0, le=1e6)]
+
+
+class Accuracy(_Strict):
+    """Standard deviations of what a sensor measures; zero: exact."""
+
+    position_m: Deviation = 0.0
+    """Of each coordinate."""
+    heading_rad: Deviation = 0.0
+    speed_mps: Deviation = 0.0
+
+    def as_tuple(self) -> tuple[float, float, float, float]:
+        """Of (p_x, p_y, ψ, v)."""
+        return (self.position_m, self.position_m, self.heading_rad, self.speed_mps)
 
 
 class Observation(Message):
@@ -65,6 +79,10 @@ class Observation(Message):
     step: Count
     time_s: Seconds
     robots: Robots
+    age_steps: Count = 0
+    """How many steps ago the others were where they are seen; the robot's own state is of this step."""
+    accuracy: Accuracy = Accuracy()
+    """Of all these states, as the sensors themselves know it."""
 
 
 class Command(Message):

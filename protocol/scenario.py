@@ -13,6 +13,9 @@ from pydantic_core import PydanticCustomError
 from protocol.keys import Name
 from protocol.scene import MAX_ROBOTS, Goal, Metres, NonNegative, PublicRobot, Rules, Scene, Settings
 
+MAX_DELAY_STEPS = 10
+"""Robots forget whom they have not seen for this long (``agent.memory.LONGEST_GAP``)."""
+
 
 class Pose(Settings):
     """A position and a heading; without a heading, the direction from start to goal."""
@@ -26,7 +29,7 @@ class Sensing(Settings):
     """What one robot's sensors see of the others; the default is perfect.
 
     Noise is Gaussian with these standard deviations, drawn for every observer, robot and step by itself. A
-    robot always sees itself; range and dropouts concern the others.
+    robot always sees itself, and as it is now; range, dropouts and delay concern the others.
     """
 
     range_m: Annotated[float, Field(gt=0)] | None = None
@@ -36,6 +39,8 @@ class Sensing(Settings):
     speed_noise_mps: NonNegative = 0.0
     dropout: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Probability that one other robot is not seen at a step."""
+    delay_steps: Annotated[int, Field(ge=0, le=MAX_DELAY_STEPS)] = 0
+    """How many steps old the view of the others is."""
 
 
 def _id_as_text(value: object) -> object:

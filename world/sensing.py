@@ -1,13 +1,24 @@
-"""What one robot's sensors see: range, noise and dropouts, from a random stream of its own."""
+"""What one robot's sensors see: range, noise, dropouts and delay, from a random stream of its own."""
 
 import math
+from collections import deque
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
-from protocol.messages import State
+from protocol.messages import Accuracy, State
 from protocol.scenario import Sensing
 from world.physics import VehicleState
+
+
+class View(NamedTuple):
+    """What an observer sees at a step."""
+
+    robots: dict[str, State]
+    """Robots in view with their measured states, headings wrapped to [−π, π]."""
+    age_steps: int
+    """How many steps ago the others were measured."""
 
 
 class Sensors:
@@ -15,6 +26,12 @@ class Sensors:
 
     Every step draws one uniform and four normal numbers for every robot of the run, whatever is in view.
     What an observer sees of one robot therefore never depends on where another robot is.
+
+    A delayed view was measured some steps ago, with the range, the noise and the dropouts of then. Until
+    there is one so old, the first view stands.
+
+    Attributes:
+        accuracy: standard deviations of the noise.
 
     Args:
         observer: id of the robot that carries the sensors.
@@ -36,19 +53,27 @@ class Sensors:
             ]
         )
         self._random = np.random.default_rng(np.random.SeedSequence((seed, index)))
+        self._measured: deque[dict[str, State]] = deque(maxlen=sensing.delay_steps + 1)
+        self.accuracy = Accuracy(
+            position_m=sensing.position_noise_m,
+            heading_rad=sensing.heading_noise_rad,
+            speed_mps=sensing.speed_noise_mps,
+        )
 
-    def see(self, states: Mapping[str, VehicleState]) -> dict[str, State]:
-        """Observe all robots once; every call draws anew.
+    def see(self, states: Mapping[str, VehicleState]) -> View:
+        """Observe all robots at the next step; every call draws anew.
 
-        The observer is always in its own view, with noise; range (of the true positions) and dropouts concern
-        the others.
+        The observer is always in its own view, with noise; range (of the true positions), dropouts and delay
+        concern the others.
 
         Args:
             states: true states of all robots, the same robots in the same order at every call.
-
-        Returns:
-            The robots in view with their measured states, headings wrapped to [−π, π].
         """
+        measured = self._measure(states)
+        self._measured.append(measured)
+        return View({**self._measured[0], self._observer: measured[self._observer]}, len(self._measured) - 1)
+
+    def _measure(self, states: Mapping[str, VehicleState]) -> dict[str, State]:
         own = states[self._observer]
         lots = self._random.random(len(states))
         errors = (self._random.standard_normal((len(states), 4)) * self._sigma).tolist()

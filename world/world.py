@@ -151,11 +151,16 @@ class World:
         states = {robot: vehicle.state for robot, vehicle in self._vehicles.items()}
         self._referee.watch(self._step, states)
         self._observations = {
-            robot: Observation(
-                epoch=self._epoch,
-                step=self._step,
-                time_s=self._scenario.time_s(self._step),
-                robots=sensors.see(states),
-            )
-            for robot, sensors in self._sensors.items()
+            robot: self._observation(sensors, states) for robot, sensors in self._sensors.items()
         }
+
+    def _observation(self, sensors: Sensors, states: Mapping[str, VehicleState]) -> Observation:
+        view = sensors.see(states)
+        return Observation(
+            epoch=self._epoch,
+            step=self._step,
+            time_s=self._scenario.time_s(self._step),
+            robots=view.robots,
+            age_steps=view.age_steps,
+            accuracy=sensors.accuracy,
+        )

@@ -3,17 +3,21 @@
 from collections.abc import Callable
 from typing import Literal
 
+from agent.estimation.bilevel import Bilevel
 from agent.estimation.constant_acceleration import ConstantAcceleration
 from agent.estimation.exchanged import Exchanged
 from agent.estimation.interface import GoalEstimator
 from agent.estimation.inverse_optimal_control import InverseOptimalControl
 from agent.estimation.joint_fit import JointFit
+from agent.estimation.kalman_filter import KalmanFilter
 from protocol.scene import Scene
 
 GoalsName = Literal[
     "exchanged",
     "ioc",
     "joint-fit",
+    "kalman-filter",
+    "bilevel",
     "constant-acceleration",
     "constant-acceleration-alone",
     "constant-velocity",
@@ -21,10 +25,15 @@ GoalsName = Literal[
 ]
 """What ``--goals`` takes: the name of an estimator, or of a baseline that asks for no goals."""
 
+DEFAULT_GOALS: GoalsName = "joint-fit"
+"""The one that loses least against exchanged goals (``docs/estimation.md``)."""
+
 ESTIMATORS: dict[GoalsName, Callable[[Scene], GoalEstimator]] = {
     "exchanged": Exchanged,
     "ioc": InverseOptimalControl,
     "joint-fit": JointFit,
+    "kalman-filter": KalmanFilter,
+    "bilevel": Bilevel,
     "constant-acceleration": ConstantAcceleration,
 }
 """By name. ``agent.methods`` has the baselines."""

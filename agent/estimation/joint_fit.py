@@ -34,17 +34,16 @@ from protocol.scene import Scene
 
 WINDOW = 12
 """K_w: steps that are explained, or as many as all robots were seen."""
-SIGMAS = np.array([0.05, 0.05, 0.1, 0.2])
-"""σ of p_x, p_y, ψ and v, in m, rad and m/s: how well the model explains a robot."""
-FORGETTING = 4.0
-"""Factor on the covariance of an estimate from one step to the next: windows overlap, so
-that most of what a step shows was known before."""
-DRIFT_M = 0.6
+SIGMAS = np.array([0.5, 0.5, 1.0, 2.0])
+"""σ of p_x, p_y, ψ and v, in m, rad and m/s: how well the model explains a robot. It plans anew at every
+step, among beliefs that differ from the ones of now, and windows overlap, so that a step is looked at K_w
+times: a stretch of driving says much less than its exact poses promise."""
+FORGETTING = 1.2
+"""Factor on the covariance of an estimate from one step to the next."""
+DRIFT_M = 0.1
 """Standard deviation that is added to it."""
-ROUNDS = 2
-"""Iterations a step, of the joint problem and of the goals."""
 COLD_ROUNDS = 3
-"""Iterations of the joint problem before, where no last solution is there to start from."""
+"""Iterations of the joint problem before the first fit, where no last solution is there to start from."""
 LONGEST_M = 1.5
 """A goal moves no further in a round: derivatives hold nearby."""
 
@@ -92,20 +91,22 @@ class JointFit:
     def _fit(self, robots: Sequence[str], window: Window, begin: int) -> None:
         """Improve the beliefs by a window that begins at that step."""
         prior, information = _prior([self._beliefs[robot] for robot in robots])
-        length, means = window.states.shape[1], prior
-        start = self._starts.start(problem_from(self._scene, robots, window, means), robots, window, begin)
-        for improving in [False] * (0 if start.warm else COLD_ROUNDS) + [True] * ROUNDS:
-            response = respond(problem_from(self._scene, robots, window, means), start, length)
+        length = window.states.shape[1]
+        problem = problem_from(self._scene, robots, window, prior)
+        start = self._starts.start(problem, robots, window, begin)
+        for _ in range(1 if start.warm else 1 + COLD_ROUNDS):
+            response = respond(problem, start, length)
             if not response.solution.solved:
                 self._starts.forget()
                 return
             start = response.solution.start()
-            if improving:
-                missing = window.states - response.solution.states[:, 1 : length + 1]
-                means, covariance = gauss_newton(means, prior, information, response.by_goal, missing)
-                means = np.array([inside(self._scene.area, mean) for mean in means])
+        missing = window.states - response.solution.states[:, 1 : length + 1]
+        means, covariance = gauss_newton(prior, information, response.by_goal, missing)
         self._beliefs = {
-            robot: Belief(means[index], covariance[2 * index : 2 * index + 2, 2 * index : 2 * index + 2])
+            robot: Belief(
+                inside(self._scene.area, means[index]),
+                covariance[2 * index : 2 * index + 2, 2 * index : 2 * index + 2],
+            )
             for index, robot in enumerate(robots)
         }
         self._starts.keep(robots, response.solution)
@@ -122,16 +123,13 @@ def _prior(beliefs: Sequence[Belief]) -> tuple[Array, Array]:
     return np.array([belief.mean for belief in beliefs]), information
 
 
-def gauss_newton(
-    means: Array, prior: Array, information: Array, by_goal: Array, missing: Array
-) -> tuple[Array, Array]:
-    """One step towards the maximum a posteriori estimate.
+def gauss_newton(prior: Array, information: Array, by_goal: Array, missing: Array) -> tuple[Array, Array]:
+    """One step from the prior towards the maximum a posteriori estimate.
 
     Args:
-        means: estimates to improve, shape (N, 2), in m.
-        prior: L⁻, shape (N, 2).
+        prior: L⁻, shape (N, 2), in m.
         information: P⁻¹, shape (2N, 2N).
-        by_goal: ∂x_k/∂L at the estimates, shape (2N, N, K_w, 4).
+        by_goal: ∂x_k/∂L at the prior, shape (2N, N, K_w, 4).
         missing: x̄_k − x_k, shape (N, K_w, 4).
 
     Returns:
@@ -140,7 +138,6 @@ def gauss_newton(
     """
     jacobian = (by_goal / SIGMAS).reshape(len(by_goal), -1)
     covariance = np.linalg.inv(jacobian @ jacobian.T + information)
-    gradient = jacobian @ (missing / SIGMAS).ravel() + information @ (prior - means).ravel()
-    change = (covariance @ gradient).reshape(-1, 2)
+    change = (covariance @ jacobian @ (missing / SIGMAS).ravel()).reshape(-1, 2)
     lengths = np.linalg.norm(change, axis=1, keepdims=True)
-    return means + change * np.minimum(1.0, LONGEST_M / np.maximum(lengths, LONGEST_M)), covariance
+    return prior + change * np.minimum(1.0, LONGEST_M / np.maximum(lengths, LONGEST_M)), covariance

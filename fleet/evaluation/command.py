@@ -12,12 +12,11 @@ from agent.estimation import ESTIMATORS, GoalsName
 from agent.solver import SolverName
 from fleet.bench.machine import this_machine
 from fleet.evaluation.evaluation import Evaluation
-from fleet.evaluation.noise import NoiseName
+from fleet.evaluation.noise import GRAMMAR, LevelError, levels_in
 from fleet.suites.suite import Suite, load_suite
 from protocol.scenario_file import ScenarioError
 from world.process import ExitStatus
 
-NOISE_NAMES = get_args(NoiseName)
 METHODS = get_args(GoalsName)
 ALL_ESTIMATORS = ",".join(ESTIMATORS)
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -50,7 +49,7 @@ def evaluate(
     solver: Annotated[SolverName, typer.Option(help="What solves the trajectory problems.")] = "realtime",
     seeds: Annotated[int, typer.Option(min=1, help="How many seeds of sensor noise: 0, 1, …")] = 1,
     noise: Annotated[
-        str, typer.Option(metavar="NAME,NAME,…", help=f"Levels of sensor noise: {', '.join(NOISE_NAMES)}.")
+        str, typer.Option(metavar="LEVEL,LEVEL,…", help=f"How well robots see: {GRAMMAR}.")
     ] = "none",
     workers: Annotated[
         int | None,
@@ -91,7 +90,7 @@ def evaluate(
         goals=_chosen(goals, METHODS, "--goals"),
         solver=solver,
         seeds=seeds,
-        noise=_chosen(noise, NOISE_NAMES, "--noise"),
+        noise=_levels(noise),
         machine=this_machine(),
         begun=datetime.now().astimezone().replace(microsecond=0),
         scenarios=dict(loaded.scenarios),
@@ -112,6 +111,13 @@ def _chosen(text: str, names: tuple[str, ...], option: str) -> Any:
             param_hint=option,
         )
     return chosen
+
+
+def _levels(text: str) -> tuple[str, ...]:
+    try:
+        return levels_in(text)
+    except LevelError as error:
+        raise typer.BadParameter(f"{error}; {GRAMMAR}", param_hint="--noise") from None
 
 
 def _loaded(suite: str) -> Suite:

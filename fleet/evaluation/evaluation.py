@@ -10,7 +10,7 @@ from agent.estimation import GoalsName
 from agent.solver import SolverName
 from fleet.bench.durations import Record
 from fleet.bench.machine import Machine
-from fleet.evaluation.noise import NoiseName, needs_seeds, with_noise
+from fleet.evaluation.noise import NoiseLevel, needs_seeds, with_noise
 from fleet.evaluation.row import RunKey
 from protocol.scenario import Scenario
 
@@ -37,7 +37,7 @@ class Evaluation(Record):
     solver: SolverName
     seeds: Annotated[int, Field(ge=1)]
     """Of sensor noise: 0 to one less than this."""
-    noise: tuple[NoiseName, ...]
+    noise: tuple[NoiseLevel, ...]
     machine: Machine
     """Where it began, and the version and commit of this software."""
     begun: datetime | None = None

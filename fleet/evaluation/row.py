@@ -5,7 +5,7 @@ from typing import Annotated, Any, NamedTuple, Self
 from pydantic import Field
 
 from fleet.bench.durations import Record
-from fleet.evaluation.noise import NoiseName
+from fleet.evaluation.noise import NoiseLevel
 from fleet.summary import Phases, Summary
 
 FAILED = "failed"
@@ -40,7 +40,7 @@ class Row(Record):
     method: Line
     """How the robots come to know goals."""
     solver: Line
-    noise: NoiseName
+    noise: NoiseLevel
     seed: int
     verdict: Line
     """The referee's, or ``failed``."""

@@ -14,7 +14,7 @@ from agent.solver import ITERATIONS, joint_solver
 from agent.solver.problem import JointProblem, JointSolver, Start
 from agent.solver.starts import cold_starts
 from agent.vehicle import Array
-from protocol.messages import Observation, State
+from protocol.messages import Accuracy, Observation, State
 from protocol.scene import Area, PublicRobot, Scene
 from protocol.vehicle import Limits
 
@@ -111,12 +111,16 @@ def cold(problem: JointProblem) -> Start:
     return cold_starts(problem)[0]
 
 
-def seen(step: int, states: Mapping[str, Sequence[float]]) -> Observation:
+def seen(
+    step: int, states: Mapping[str, Sequence[float]], *, accuracy: Accuracy | None = None, age_steps: int = 0
+) -> Observation:
     """What a robot observes when these robots are in these states."""
     return Observation(
         epoch=EPOCH,
         step=step,
         time_s=step * STEP_S,
+        age_steps=age_steps,
+        accuracy=accuracy or Accuracy(),
         robots={
             robot: State(x_m=float(x), y_m=float(y), heading_rad=float(heading), speed_mps=float(speed))
             for robot, (x, y, heading, speed) in states.items()

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from agent_helpers import SOLVERS, STEP_S, WEIGHTS, remembered, scene_of
+from agent_helpers import STEP_S, WEIGHTS, remembered, scene_of
+from goal_helpers import errors_m, followed
 from hypothesis import given
 from hypothesis import strategies as st
 from realtime_helpers import closed_loop, data_of, random_crossing
@@ -64,13 +65,12 @@ def test_a_gauss_newton_step_solves_the_least_squares_problem(seed, robots, leng
     by_goal = random.normal(size=(2 * robots, robots, length, 4))
     missing = 1e-2 * random.normal(size=(robots, length, 4)) * SIGMAS
     root = random.normal(size=(2 * robots, 2 * robots)) + 4.0 * np.eye(2 * robots)
-    means = random.normal(size=(robots, 2))
-    prior = means + 0.01 * random.normal(size=(robots, 2))
-    found, covariance = gauss_newton(means, prior, root.T @ root, by_goal, missing)
+    prior = random.normal(size=(robots, 2))
+    found, covariance = gauss_newton(prior, root.T @ root, by_goal, missing)
     rows = np.concatenate([(by_goal / SIGMAS).reshape(2 * robots, -1).T, root])
-    right = np.concatenate([(missing / SIGMAS).ravel(), root @ (prior - means).ravel()])
+    right = np.concatenate([(missing / SIGMAS).ravel(), np.zeros(2 * robots)])
     expected = np.linalg.lstsq(rows, right, rcond=None)[0]
-    np.testing.assert_allclose(found - means, expected.reshape(-1, 2), atol=1e-8)
+    np.testing.assert_allclose(found - prior, expected.reshape(-1, 2), atol=1e-8)
     np.testing.assert_allclose(covariance, np.linalg.inv(rows.T @ rows), rtol=1e-6, atol=1e-9)
 
 
@@ -79,27 +79,8 @@ def test_a_goal_moves_no_further_at_once_than_derivatives_hold():
     by_goal[0, 0, 0, 0] = 1.0
     missing = np.zeros((2, 1, 4))
     missing[0, 0, 0] = 50.0
-    found, _ = gauss_newton(np.zeros((2, 2)), np.zeros((2, 2)), 1e-3 * np.eye(4), by_goal, missing)
+    found, _ = gauss_newton(np.zeros((2, 2)), 1e-3 * np.eye(4), by_goal, missing)
     np.testing.assert_allclose(found, [[LONGEST_M, 0.0], [0.0, 0.0]], atol=1e-9)
-
-
-def followed(robots: int, seed: int, steps: int) -> tuple[Array, Array]:
-    """States (steps, N, 4) of robots that know each other's goals, and those goals (N, 2)."""
-    loop = list(closed_loop(random_crossing(robots, seed), steps, SOLVERS["realtime"]))
-    return np.array([each.problem.states for each in loop]), loop[0].problem.goals[:, :2]
-
-
-def errors_m(estimator, states: Array, goals: Array) -> Array:
-    """Distance of each robot's estimate from its goal after every step, shape (steps, N)."""
-    memory, names = Memory(17, STEP_S), [str(robot) for robot in range(len(goals))]
-    found = []
-    for step, now in enumerate(states):
-        memory.remember(step, dict(zip(names, map(tuple, now.tolist()), strict=True)))
-        estimates = estimator.estimate(memory)
-        found.append(
-            [np.linalg.norm(estimates[name][:2] - goal) for name, goal in zip(names, goals, strict=True)]
-        )
-    return np.array(found)
 
 
 def test_goals_are_found_from_how_robots_drive_better_than_by_the_published_estimator():

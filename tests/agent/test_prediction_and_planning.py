@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from agent_helpers import NEVER, SAFETY_M, SOLVERS, STEP_S, euler, remembered, s
 
 from agent.memory import Memory
 from agent.planning import Planner, plan_of
-from agent.prediction import Predictor
+from agent.prediction import RETRY_STEPS, Predictor
 from agent.problems import WarmStarts, joint_problem
 from agent.solver.problem import JointProblem, JointSolver, Solution, Start
 from agent.solver.starts import cold_starts
@@ -229,3 +230,24 @@ def test_with_exchanged_goals_the_prediction_is_the_plan():
     assert plan.solved
     np.testing.assert_array_equal(plan.inputs, prediction.inputs["b"])
     np.testing.assert_array_equal(plan.states, prediction.states["b"])
+
+
+@pytest.mark.parametrize(("how", "others"), [({}, False), ({"sigmas": (0.02, 0.02, 0.03, 0.05)}, True)])
+def test_where_robots_may_see_differently_predictions_are_also_sought_from_cold_starts(how, others):
+    """All of them in turn, by everybody at the same steps; from the last prediction always."""
+    memory, solver = Memory(17, STEP_S), Watched()
+    predictor = Predictor(scene_of("abc"), solver, NEVER)
+    states = {robot: np.array(STATES[robot]) for robot in "abc"}
+    cold: list[list[float]] = []
+    for step in range(1 + 4 * RETRY_STEPS):
+        memory.remember(step, states, **how)
+        asked = len(solver.asked)
+        prediction = predictor.predict(memory, GOALS, ())
+        states = {robot: euler(states[robot], prediction.inputs[robot][:1])[-1] for robot in "abc"}
+        if step > 0:
+            first, *more = [start for _, start in solver.asked[asked:]]
+            assert first.warm
+            assert len(more) == (others and step % RETRY_STEPS == 0)
+            cold += [start.inputs[:, -1, 0].tolist() for start in more]
+    assert len(cold) == (4 if others else 0)
+    assert all(one != other for one, other in combinations(cold, 2))

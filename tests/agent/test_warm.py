@@ -80,7 +80,17 @@ def answer_of(program, *arguments, **environment):
     return json.loads(said.stdout)
 
 
-@pytest.mark.parametrize("goals", get_args(GoalsName))
+MANY_SOLUTIONS = "kalman-filter"
+"""Solves the joint problem of twelve robots 49 times a step, by kernels that the other estimators use too."""
+
+
+@pytest.mark.parametrize(
+    "goals",
+    [
+        pytest.param(goals, marks=pytest.mark.slow) if goals == MANY_SOLUTIONS else goals
+        for goals in get_args(GoalsName)
+    ],
+)
 def test_after_the_warm_up_robots_come_and_go_and_nothing_is_compiled(goals):
     """A call that no compiled form fits would raise: compiling is forbidden."""
     run = f"""

@@ -182,7 +182,7 @@ def test_a_baseline_that_cannot_be_used_is_told_before_anything_is_run(
     [
         (("--goals", "exchanged,psychic"), "'psychic' found, one or more of exchanged, ioc"),
         (("--goals", ""), "'' found"),
-        (("--noise", "deafening"), "one or more of none, low, medium, high"),
+        (("--noise", "deafening"), "'deafening' found, one of low, medium, high or FIELD=VALUE"),
         (("--seeds", 0), "--seeds"),
         (("--workers", 2, "--dask", "tcp://127.0.0.1:1"), "leave out one of"),
     ],

@@ -77,13 +77,13 @@ def test_a_recording_is_complete_although_the_machine_is_busy(bench):
     assert processes.keys() == drive(bench, "simulate", "simulate", "8a").keys()
 
 
-def test_noise_follows_the_seed_and_nothing_else(tmp_path, bench):
+def test_noise_and_delay_follow_the_seed_and_nothing_else(tmp_path, bench):
     scenario = bundled_with(
         tmp_path / "scenario.yaml",
         "2-crossing",
         time_limit_s=0.8,
         horizons={"prediction_steps": 8, "estimation_steps": 4},
-        sensing={"position_noise_m": 0.02, "heading_noise_rad": 0.01, "dropout": 0.1},
+        sensing={"position_noise_m": 0.02, "heading_noise_rad": 0.01, "dropout": 0.1, "delay_steps": 2},
     )
     one, again = (drive(bench, name, "run", scenario, "--seed", 3) for name in ("one", "again"))
     virtual = drive(bench, "virtual", "simulate", scenario, "--seed", 3)

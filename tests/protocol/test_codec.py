@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from protocol.codec import MAX_ITEMS, MAX_PAYLOAD_BYTES, MessageError, decode, encode
 from protocol.messages import (
+    Accuracy,
     Command,
     Message,
     Mind,
@@ -73,7 +74,17 @@ SCENES = st.builds(
 )
 PATHS = st.lists(st.tuples(COORDINATES, COORDINATES), max_size=5).map(tuple)
 MESSAGES = st.one_of(
-    st.builds(Observation, **HEADER, step=COUNTS, time_s=NOT_NEGATIVE, robots=ROBOTS),
+    st.builds(
+        Observation,
+        **HEADER,
+        step=COUNTS,
+        time_s=NOT_NEGATIVE,
+        robots=ROBOTS,
+        age_steps=COUNTS,
+        accuracy=st.builds(
+            Accuracy, position_m=NOT_NEGATIVE, heading_rad=NOT_NEGATIVE, speed_mps=NOT_NEGATIVE
+        ),
+    ),
     st.builds(
         Command,
         **HEADER,

@@ -45,7 +45,7 @@ def test_the_defaults_are_the_publications() -> None:
     assert scene.safety_distance_m("a", "b") == pytest.approx(0.7 * math.sqrt(2) + 0.4, abs=1e-3)
     assert it.weights.as_tuple() == (1, 1, 0.03, 0.6)
     assert it.sensing == Sensing(
-        range_m=None, position_noise_m=0, heading_noise_rad=0, speed_noise_mps=0, dropout=0
+        range_m=None, position_noise_m=0, heading_noise_rad=0, speed_noise_mps=0, dropout=0, delay_steps=0
     )
 
 

@@ -27,6 +27,7 @@ sensing = st.builds(
     range_m=st.none() | positive,
     position_noise_m=st.floats(0.0, 1.0),
     dropout=st.floats(0.0, 1.0),
+    delay_steps=st.integers(0, 10),
 )
 
 

@@ -1,0 +1,76 @@
+"""What an agent makes of noisy or late observations: of its own arrival, and of where others are."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from agent_helpers import euler, scene_of, seen
+
+from agent.agent import Agent, Decision
+from protocol.messages import Accuracy
+from protocol.scene import Goal
+
+GOAL = Goal(x_m=0.0, y_m=0.0, heading_rad=0.0)
+LOW = Accuracy(position_m=0.02, heading_rad=math.radians(2.0), speed_mps=0.05)
+BESIDE = (-0.13, 0.0, 0.0, 0.0)
+"""Not there, but not far from it either."""
+PARKED = (3.0, 3.0, 0.0, 0.0)
+
+
+def agent_of(*others: str, goal: Goal = GOAL) -> Agent:
+    return Agent("a", goal, scene_of(["a", *others]), goals="joint-fit", solver="realtime", clock=lambda: 0.0)
+
+
+def decided(agent: Agent, step: int, *states: Any, **how: Any) -> Decision:
+    decision = agent.decide(seen(step, dict(zip("ab", states, strict=False)), **how))
+    assert decision is not None
+    return decision
+
+
+def test_who_was_misled_into_believing_that_it_has_arrived_goes_on():
+    """It is seen at its goal by chance, brakes, and is seen beside it from then on."""
+    agent = agent_of("b")
+    decision = decided(agent, 0, (-0.05, 0.0, 0.0, 0.0), PARKED, accuracy=LOW)
+    assert decision.mind.arrived
+    state, arrived = BESIDE, []
+    for step in range(1, 30):
+        decision = decided(agent, step, state, PARKED, accuracy=LOW)
+        state = tuple(euler(state, [decision.command.input])[-1])
+        arrived.append(decision.mind.arrived)
+    assert not all(arrived)
+    assert math.hypot(*state) < 0.1
+    assert arrived[-1]
+
+
+def test_who_has_seen_without_noise_that_it_has_arrived_has_arrived_for_good():
+    agent = agent_of("b")
+    assert decided(agent, 0, (-0.05, 0.0, 0.0, 0.0), PARKED).mind.arrived
+    assert decided(agent, 1, BESIDE, PARKED).mind.arrived
+
+
+def test_the_commands_that_it_gave_tell_a_robot_where_it_is():
+    """Of twenty noisy views each; nothing but its own commands tells its speed better."""
+    random, errors = np.random.default_rng(0), []
+    sigmas = np.array(LOW.as_tuple())
+    for _ in range(4):
+        agent, state = agent_of("b", goal=Goal(x_m=6.0, y_m=2.0, heading_rad=0.0)), (-4.0, 0.0, 0.0, 0.0)
+        for step in range(20):
+            view = np.array(state) + sigmas * random.standard_normal(4)
+            decision = decided(agent, step, view, PARKED, accuracy=LOW)
+            errors.append((np.array(decision.mind.plan[0]) - state[:2]) if step > 5 else np.zeros(2))
+            state = tuple(euler(state, [decision.command.input])[-1])
+    assert np.sqrt(np.mean(np.square(errors))) < 0.5 * LOW.position_m
+
+
+@pytest.mark.parametrize("accuracy", [Accuracy(), LOW])
+def test_a_late_view_of_another_robot_is_predicted_from_where_it_is_now(accuracy):
+    agent = agent_of("b", goal=Goal(x_m=6.0, y_m=0.0, heading_rad=0.0))
+    course = euler((-4.0, -4.0, 0.0, 1.0), [(0.0, 0.3)] * 12)
+    state: Any = (-4.0, 0.0, 0.0, 0.0)
+    for step in range(10):
+        age = min(step, 3)
+        decision = decided(agent, step, state, course[step - age], accuracy=accuracy, age_steps=age)
+        assert decision.mind.prediction["a"][0] == pytest.approx(state[:2], abs=1e-3)
+        state = tuple(euler(state, [decision.command.input])[-1])
+    assert decision.mind.prediction["b"][0] == pytest.approx(course[9, :2], abs=0.02)
