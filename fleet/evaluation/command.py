@@ -8,7 +8,7 @@ from typing import Annotated, Any, get_args
 import typer
 
 from agent.__main__ import checked_goals
-from agent.estimation import ESTIMATORS, GoalsName
+from agent.estimation import DEFAULT_GOALS, GoalsName
 from agent.solver import SolverName
 from fleet.bench.machine import this_machine
 from fleet.evaluation.evaluation import Evaluation
@@ -18,7 +18,9 @@ from protocol.scenario_file import ScenarioError
 from world.process import ExitStatus
 
 METHODS = get_args(GoalsName)
-ALL_ESTIMATORS = ",".join(ESTIMATORS)
+PUBLISHED: tuple[GoalsName, ...] = ("exchanged", "ioc", "constant-acceleration")
+"""What the publication compares."""
+USUAL = ",".join((*PUBLISHED, DEFAULT_GOALS))
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -43,9 +45,8 @@ def evaluate(
             metavar="NAME,NAME,…",
             callback=_checked_methods,
             help=f"Methods to compare: {', '.join(METHODS)}.",
-            show_default="all that estimate goals, and exchanged ones",
         ),
-    ] = ALL_ESTIMATORS,
+    ] = USUAL,
     solver: Annotated[SolverName, typer.Option(help="What solves the trajectory problems.")] = "realtime",
     seeds: Annotated[int, typer.Option(min=1, help="How many seeds of sensor noise: 0, 1, …")] = 1,
     noise: Annotated[
