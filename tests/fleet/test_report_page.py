@@ -17,6 +17,7 @@ from fleet.reporting.published import publication
 
 STEMS = ("a", "b", "c", "d", "e")
 METHODS = ("exchanged", "ioc", "joint-fit")
+LOW = "low+dropout=0.3"
 DURATIONS_S = {
     ("exchanged", "none"): (6.0, 7.0, 6.5, 9.0, 7.5),
     ("ioc", "none"): (10.0, 8.0, 9.0, 9.0, 12.0),
@@ -153,17 +154,17 @@ def test_levels_of_noise_have_figures_of_their_own_and_a_table_beside_one_anothe
     tmp_path: Path, undrawn: None
 ):
     def noisy(run: Run) -> Row:
-        slower = {"none": 1.0, "low": 1.1}[run.key.noise]
+        slower = {"none": 1.0, LOW: 1.1}[run.key.noise]
         seconds = slower * (6.0 + STEMS.index(run.key.scenario)) + 0.2 * run.key.seed
-        return row(run, duration_s=seconds, collisions=int(run.key[:1] + run.key[3:] == ("b", "low", 1)))
+        return row(run, duration_s=seconds, collisions=int(run.key[:1] + run.key[3:] == ("b", LOW, 1)))
 
     out = tmp_path / "out"
-    write_evaluation(out, STEMS[:3], noisy, goals=("exchanged", "ioc"), noise=("none", "low"), seeds=2)
+    write_evaluation(out, STEMS[:3], noisy, goals=("exchanged", "ioc"), noise=("none", LOW), seeds=2)
     assert unspoken_report(out, "--worst", 0).exit_code == 0
     names = {path.name for path in out.glob("*.png")}
     assert names == {
         f"report-{name}-{level}.png"
-        for name, level in product(("duration", "driven", "distance", "times"), ("none", "low"))
+        for name, level in product(("duration", "driven", "distance", "times"), ("none", LOW))
     }
     none, low = page_of(out).table("Median duration in s by noise")["ioc"]
     assert none == "7.00"
