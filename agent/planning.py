@@ -8,6 +8,7 @@ from agent.prediction import Prediction
 from agent.problems import WarmStarts, joint_problem
 from agent.solver.choice import best_solution
 from agent.solver.problem import JointSolver
+from agent.solver.starts import escapes
 from agent.vehicle import Array
 from protocol.scene import Scene
 from protocol.vehicle import Input
@@ -32,7 +33,7 @@ class Planner:
 
     Each plan starts from the self-prediction, so that the ego passes the others on the side on which they
     expect it: a start of its own can end in a local minimum on the other side. Where there is none, it starts
-    from the last plan, one step on.
+    from the last plan, one step on. A plan to stand before somebody for good is compared with turning away.
     """
 
     def __init__(self, scene: Scene, robot: str, solver: JointSolver, deadline: Deadline) -> None:
@@ -50,7 +51,7 @@ class Planner:
         )
         expected = prediction.starts.get(self._robot)
         starts = [expected] if expected else self._starts.starts(problem, [self._robot])
-        solution = best_solution(self._solver, problem, starts, self._deadline)
+        solution = best_solution(self._solver, problem, starts, self._deadline, escapes)
         if solution.solved:
             self._starts.keep([self._robot], solution)
         else:

@@ -1,6 +1,6 @@
 """Which of several local optima to go by."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -18,14 +18,20 @@ STANDING_M = 0.02
 
 
 def best_solution(
-    solver: JointSolver, problem: JointProblem, starts: Sequence[Start], deadline: Deadline
+    solver: JointSolver,
+    problem: JointProblem,
+    starts: Sequence[Start],
+    deadline: Deadline,
+    escapes: Callable[[JointProblem], Sequence[Start]] = lambda _problem: (),
 ) -> Solution:
     """Solve from each start, as time allows but at least from the first, and take the best solution.
 
     Solved beats unsolved, going on beats a deadlock, then the lower objective counts; among nearly equal ones
-    the earlier start.
+    the earlier start. ``escapes`` gives further starts where the first one ends in a deadlock.
     """
     best = solver.solve(problem, starts[0])
+    if is_deadlock(problem, best):
+        starts = [*starts, *escapes(problem)]
     for start in starts[1:]:
         if deadline.passed:
             break

@@ -25,12 +25,21 @@ def cold_starts(problem: JointProblem) -> list[Start]:
     """
     left = np.ones(len(problem.states))
     alternating = np.where(np.arange(len(left)) % 2, -left, left)
-    return [_leaning(problem, sides) for sides in (left, -left, alternating, 0.0 * left)]
+    return [_turning(problem, SIDESTEP_RADPS * sides) for sides in (left, -left, alternating, 0.0 * left)]
 
 
-def _leaning(problem: JointProblem, sides: Array) -> Start:
+def escapes(problem: JointProblem) -> list[Start]:
+    """Starts for when the way ahead is blocked: all brake and turn as quickly as they can, to either side.
+
+    Standing still is a stationary point: a heading matters only to a robot that drives.
+    """
+    quickest = problem.input_bounds[:, 0]
+    return [_turning(problem, rates) for rates in (quickest, -quickest)]
+
+
+def _turning(problem: JointProblem, rates_radps: Array) -> Start:
     inputs = braking_inputs(problem)
-    inputs[:, :, 0] += SIDESTEP_RADPS * sides[:, None]
+    inputs[:, :, 0] += rates_radps[:, None]
     robots, steps = inputs.shape[:2]
     forces, pressures = np.zeros((robots, steps + 1, 2)), np.zeros((robots, steps, LIMITED_QUANTITIES))
     return Start(within_limits(problem, inputs), forces, pressures, warm=False)

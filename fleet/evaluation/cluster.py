@@ -46,7 +46,7 @@ def local_cluster(workers: int) -> Iterator[Client]:
                 threads_per_worker=1,
                 processes=True,
                 host="127.0.0.1",
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",  # none at all would take the usual port, or warn
                 memory_limit=0,
                 local_directory=directory,
                 silence_logs=QUIET,

@@ -11,7 +11,7 @@ from agent_helpers import NEVER, SOLVERS, cold, problem_of
 from agent.deadline import Deadline
 from agent.solver.choice import NEAR_GOAL_M, best_solution, is_deadlock
 from agent.solver.problem import JointProblem, Solution, Start
-from agent.solver.starts import cold_starts
+from agent.solver.starts import cold_starts, escapes
 
 PROBLEM = problem_of([(-4.0, 0.0, 0.0, 1.0), (4.0, 2.0, math.pi, 1.0)], [(4, 0, 0, 0), (-4, 2, math.pi, 0)])
 
@@ -124,3 +124,28 @@ def test_robots_that_stand_for_another_reason_are_not_deadlocked():
     creeping = standing.states.copy()
     creeping[:, -5:, 1] += 0.1
     assert not is_deadlock(PROBLEM, replace(standing, states=creeping))
+
+
+@pytest.mark.parametrize(("first", "best"), [(solution(900.0, deadlock=True), 1), (solution(900.0), 0)])
+def test_escapes_are_tried_only_from_a_deadlock(first, best):
+    answers = [first, solution(100.0)]
+    start = cold(PROBLEM)
+    found = best_solution(Canned(answers), PROBLEM, [start], NEVER, lambda _problem: [start])
+    assert found is answers[best]
+
+
+@pytest.mark.parametrize(
+    ("state", "goal", "parked"),
+    [
+        ((-2.98, 1.93, 0.65, 0.0), (-2.88, -2.96, 0.28, 0.0), (-3.78, 0.79)),
+        ((3.6, -0.85, 2.27, 0.0), (-0.04, 0.21, 2.06, 0.0), (2.98, 0.39)),
+        ((-1.6, 0.0, 0.27, 0.0), (3.0, -0.46, 0.0, 0.0), (0.0, -0.28)),
+    ],
+)
+def test_a_robot_that_would_stand_before_a_parked_one_for_good_turns_away_from_it(state, goal, parked):
+    problem = problem_of([state], [goal], obstacles=np.tile(parked, (1, 31, 1)))
+    solver, straight = SOLVERS["realtime"], cold_starts(problem)[3]
+    assert is_deadlock(problem, best_solution(solver, problem, [straight], NEVER))
+    best = best_solution(solver, problem, [straight], NEVER, escapes)
+    assert not is_deadlock(problem, best)
+    assert best.violation_m < 1e-3

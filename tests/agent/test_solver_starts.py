@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.solver.problem import JointProblem
-from agent.solver.starts import SIDESTEP_RADPS, braking_inputs, cold_starts, shifted, within_limits
+from agent.solver.starts import SIDESTEP_RADPS, braking_inputs, cold_starts, escapes, shifted, within_limits
 from protocol.vehicle import Limits
 
 ROUNDING = 1e-9
@@ -110,3 +110,17 @@ def test_inputs_within_the_limits_stay_as_they_are():
 
 def test_a_shifted_plan_is_a_step_further_and_ends_with_no_input():
     assert shifted(np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])).tolist() == [[3, 4], [5, 6], [0, 0]]
+
+
+@given(driving())
+def test_escapes_turn_as_quickly_as_limits_allow_to_either_side(problem):
+    for side, start in zip((1.0, -1.0), escapes(problem), strict=True):
+        assert_inputs_within_limits(problem, start.inputs)
+        held = problem.previous_inputs[:, 0]
+        for k in range(problem.steps):
+            held = np.clip(
+                held + side * problem.rate_bounds[:, 0],
+                -problem.input_bounds[:, 0],
+                problem.input_bounds[:, 0],
+            )
+            np.testing.assert_allclose(start.inputs[:, k, 0], held, atol=ROUNDING)
