@@ -47,6 +47,12 @@ def first_belief(state: Array, input_sigmas: Array) -> Belief:
     return Belief(np.concatenate([state, np.zeros(2)]), np.diag(sigmas**2))
 
 
+def standing_belief(state: Array) -> Belief:
+    """Before the first measurement of a robot that is known to stand, and to have stood before."""
+    sigmas = np.concatenate([ANYWHERE[:3], EXACT[3:]])
+    return Belief(np.concatenate([state[:3], np.zeros(3)]), np.diag(sigmas**2))
+
+
 def change_sigmas(limits: Limits, step_s: float) -> Array:
     """σ of w, shape (2,): the limits of rates, at which robots change their inputs most of the time."""
     return np.array([limits.turn_acceleration_radps2, limits.jerk_mps3]) * step_s

@@ -2,7 +2,15 @@
 
 import numpy as np
 
-from agent.filtering import EXACT, Belief, change_sigmas, first_belief, smooth, unknown_sigmas
+from agent.filtering import (
+    EXACT,
+    Belief,
+    change_sigmas,
+    first_belief,
+    smooth,
+    standing_belief,
+    unknown_sigmas,
+)
 from agent.vehicle import Array, recovered_inputs, rollout
 from protocol.arrival import nearest_turn
 from protocol.vehicle import STANDSTILL, Input, Limits
@@ -40,9 +48,8 @@ class Track:
         self._input_limits = np.array([limits.turn_rate_radps, limits.acceleration_mps2])
         self._values = np.append(state, [0.0, 0.0])[None]
         self._sigmas = np.append(sigmas, [np.inf, np.inf])[None]
-        changes = change_sigmas(limits, step_s)
-        self._changes = changes
-        self._prior: Belief | None = first_belief(state, changes) if step == 0 else None
+        self._changes = change_sigmas(limits, step_s)
+        self._prior: Belief | None = standing_belief(state) if step == 0 else None
 
     @property
     def is_exact(self) -> bool:

@@ -66,7 +66,7 @@ def test_the_commands_that_it_gave_tell_a_robot_where_it_is():
 @pytest.mark.parametrize("accuracy", [Accuracy(), LOW])
 def test_a_late_view_of_another_robot_is_predicted_from_where_it_is_now(accuracy):
     agent = agent_of("b", goal=Goal(x_m=6.0, y_m=0.0, heading_rad=0.0))
-    course = euler((-4.0, -4.0, 0.0, 1.0), [(0.0, 0.3)] * 12)
+    course = euler((-4.0, -4.0, 0.0, 0.0), [(0.0, 0.3)] * 12)
     state: Any = (-4.0, 0.0, 0.0, 0.0)
     for step in range(10):
         age = min(step, 3)

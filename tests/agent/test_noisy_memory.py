@@ -159,3 +159,12 @@ def test_a_state_is_certain_if_it_was_seen_now_and_without_noise():
     assert (memory.is_certain("me"), memory.is_certain("a")) == (True, False)
     memory.remember(3, {"me": TRUE[0], "a": TRUE[3]}, sigmas=LOW)
     assert not memory.is_certain("a")
+
+
+def test_everybody_knows_that_robots_stand_at_first():
+    seen = (*TRUE[0][:3], 0.4)
+    first, later = Memory(WINDOW, STEP_S), Memory(WINDOW, STEP_S)
+    first.remember(0, {"a": seen}, sigmas=LOW)
+    later.remember(7, {"a": seen}, sigmas=LOW)
+    assert first.state("a")[3] == pytest.approx(0.0, abs=1e-3)
+    assert later.state("a")[3] == pytest.approx(0.4, abs=1e-3)
