@@ -155,6 +155,6 @@ def test_forty_is_the_perimeter_family_with_8a_for_the_first_of_eight_robots() -
 def test_the_installed_package_holds_every_bundled_file() -> None:
     root = Path(__file__).parents[2]
     tool = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["setuptools"]
-    assert tool["package-data"] == {"*": ["*.yaml"]}
+    assert tool["package-data"]["*"] == ["*.yaml"]
     folders = {path.parent.relative_to(root) for path in (root / "scenarios").rglob("*.yaml")}
     assert {".".join(folder.parts) for folder in folders} <= set(tool["packages"])

@@ -5,9 +5,12 @@ import shlex
 from html import unescape
 from pathlib import Path
 
+import pytest
+
 from fleet.evaluation.results import read_rows
 
 
+@pytest.mark.slow
 def test_an_evaluated_run_is_reported_and_repeated_by_the_told_command(tmp_path: Path, process):
     out = tmp_path / "out"
     evaluation = ("evaluate", "2-crossing", "--goals", "constant-velocity", "--workers", 1, "--out", out)

@@ -18,7 +18,7 @@ def test_folders_named_like_packages_do_no_harm_and_the_output_goes_to_runs(tmp_
     run = process("told", "run", "alone.yaml", cwd=here)
     assert run.end() == 0, run.complained
     [out] = (here / "runs").iterdir()
-    assert re.fullmatch(r"alone-ioc-\d{8}-\d{6}", out.name)
+    assert re.fullmatch(r"alone-joint-fit-\d{8}-\d{6}", out.name)
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["verdict"], summary["minimum_distance_m"]) == ("arrived", None)
 
