@@ -42,8 +42,6 @@ FORGETTING = 1.2
 """Factor on the covariance of an estimate from one step to the next."""
 DRIFT_M = 0.1
 """Standard deviation that is added to it."""
-COLD_ROUNDS = 3
-"""Iterations of the joint problem before the first fit, where no last solution is there to start from."""
 LONGEST_M = 1.5
 """A goal moves no further in a round: derivatives hold nearby."""
 
@@ -94,12 +92,13 @@ class JointFit:
         length = window.states.shape[1]
         problem = problem_from(self._scene, robots, window, prior)
         start = self._starts.start(problem, robots, window, begin)
-        for _ in range(1 if start.warm else 1 + COLD_ROUNDS):
-            response = respond(problem, start, length)
-            if not response.solution.solved:
-                self._starts.forget()
-                return
-            start = response.solution.start()
+        response = respond(problem, start, length)
+        if not response.solution.solved:
+            self._starts.forget()
+            return
+        self._starts.keep(robots, response.solution)
+        if not start.warm:  # one iteration is not enough to be the solution for these goals
+            return
         missing = window.states - response.solution.states[:, 1 : length + 1]
         means, covariance = gauss_newton(prior, information, response.by_goal, missing)
         self._beliefs = {
@@ -109,7 +108,6 @@ class JointFit:
             )
             for index, robot in enumerate(robots)
         }
-        self._starts.keep(robots, response.solution)
 
 
 def _prior(beliefs: Sequence[Belief]) -> tuple[Array, Array]:
