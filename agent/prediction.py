@@ -70,8 +70,8 @@ class Predictor:
 def another_start(problem: JointProblem, step: int) -> list[Start]:
     """Where else to look for a prediction when robots may see differently: at some steps a cold start.
 
-    They may begin with different ideas of who passes whom on which side, and from its
-    last solution each would hold on to its own, up to a collision. All try the same start at the same step.
+    They may begin with different ideas of who passes whom on which side, and from its last solution each
+    would hold on to its own, up to a collision. All try the same start at the same step.
     """
     turn, rest = divmod(step, RETRY_STEPS)
     if rest:

@@ -116,15 +116,15 @@ def _explain(figure: Figure, summary: Summary, step_s: float, *, estimated: bool
     entries: dict[str, Any] = {
         "way driven": Line2D([], [], color="0.4", linewidth=1.8),
         "robot with safety margin; tip: heading": (
-            _mark("o", 14, "none", edge="0.6"),
-            _mark("o", 10, "0.4"),
+            legend_mark("o", 14, "none", edge="0.6"),
+            legend_mark("o", 10, "0.4"),
         ),
-        "goal": _mark(GOAL, 11, "0.4"),
+        "goal": legend_mark(GOAL, 11, "0.4"),
     }
     if estimated:
         entries["estimated goal"] = (
             Line2D([], [], color="0.4", linewidth=0.9, linestyle=(0, (4, 2))),
-            _mark(ESTIMATE, 7, "white", edge="0.4", edge_width=1.4),
+            legend_mark(ESTIMATE, 7, "white", edge="0.4", edge_width=1.4),
         )
     figure.legend(
         list(entries.values()),
@@ -141,7 +141,10 @@ def _explain(figure: Figure, summary: Summary, step_s: float, *, estimated: bool
     )
 
 
-def _mark(marker: str, size: float, face: str, *, edge: str = "none", edge_width: float = 0.8) -> Line2D:
+def legend_mark(
+    marker: str, size: float, face: str, *, edge: str = "none", edge_width: float = 0.8
+) -> Line2D:
+    """A mark as a legend shows it; size and width in points."""
     return Line2D(
         [],
         [],

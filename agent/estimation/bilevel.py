@@ -21,8 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.deadline import Deadline
-from agent.estimation.interface import goal_inside
-from agent.estimation.window import LEAST_WINDOW, WindowStarts, ahead, inside, window_of
+from agent.estimation.window import WindowStarts, ahead, goals_at, inside, window_length, window_of
 from agent.memory import Memory
 from agent.problems import joint_problem
 from agent.solver.problem import JointProblem, Solution, Start
@@ -30,8 +29,6 @@ from agent.solver.realtime.solver import RealTimeSolver, Response, respond
 from agent.vehicle import Array, rollout
 from protocol.scene import Area, Scene
 
-WINDOW = 12
-"""K_w: steps that are explained, or as many as the robot was seen."""
 SIGMAS = np.array([0.05, 0.05, 0.1, 0.2])
 """σ of p_x, p_y, ψ and v, in m, rad and m/s."""
 PULL_M = 2.0
@@ -75,17 +72,13 @@ class Bilevel:
         robots = memory.robots
         self._starts = {robot: self._starts.get(robot, WindowStarts()) for robot in robots}
         self._goals = {robot: self._estimate_one(memory, robot) for robot in robots}
-        return {
-            robot: goal_inside(self._scene.area, np.append(goal, memory.state(robot)[2]))
-            for robot, goal in self._goals.items()
-        }
+        return goals_at(self._scene, memory, self._goals)
 
     def _estimate_one(self, memory: Memory, robot: str) -> Array:
         """The position (2,) of a robot's goal."""
         last = self._goals.get(robot, ahead(self._scene.area, memory.state(robot)))
-        most = min(WINDOW, self._scene.horizons.prediction_steps)
-        length = len(memory.states(robot, most + 1)) - 1
-        if length < LEAST_WINDOW:
+        length = window_length(memory, [robot], self._scene)
+        if not length:
             return last
         forward = ForwardProblem(self._scene, memory, robot, length)
         starts = self._starts[robot]

@@ -16,15 +16,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.estimation.interface import goal_inside
 from agent.estimation.window import (
     AHEAD_SIGMA_M,
-    LEAST_WINDOW,
     Window,
     WindowStarts,
     ahead,
+    goals_at,
     inside,
     problem_from,
+    window_length,
     window_of,
 )
 from agent.memory import Memory
@@ -32,8 +32,6 @@ from agent.solver.realtime.solver import respond
 from agent.vehicle import Array
 from protocol.scene import Scene
 
-WINDOW = 12
-"""K_w: steps that are explained, or as many as all robots were seen."""
 SIGMAS = np.array([0.5, 0.5, 1.0, 2.0])
 """σ of p_x, p_y, ψ and v, in m, rad and m/s: how well the model explains a robot. It plans anew at every
 step, among beliefs that differ from the ones of now, and windows overlap, so that a step is looked at K_w
@@ -72,19 +70,14 @@ class JointFit:
             robot: self._beliefs[robot] if robot in self._beliefs else self._first(memory.state(robot))
             for robot in robots
         }
-        most = min(WINDOW, self._scene.horizons.prediction_steps)
-        length = min(len(memory.states(robot, most + 1)) - 1 for robot in robots)
-        if length >= LEAST_WINDOW:
+        length = window_length(memory, robots, self._scene)
+        if length:
             window = window_of(memory, robots, length, self._scene.step_s)
             self._fit(robots, window, memory.step - length)
-        return {robot: self._goal(robot, memory.state(robot)) for robot in robots}
+        return goals_at(self._scene, memory, {robot: self._beliefs[robot].mean for robot in robots})
 
     def _first(self, state: Array) -> Belief:
         return Belief(ahead(self._scene.area, state), AHEAD_SIGMA_M**2 * np.eye(2))
-
-    def _goal(self, robot: str, state: Array) -> Array:
-        """The goal state believed in; of its heading nothing is known, so it is the present one."""
-        return goal_inside(self._scene.area, np.append(self._beliefs[robot].mean, state[2]))
 
     def _fit(self, robots: Sequence[str], window: Window, begin: int) -> None:
         """Improve the beliefs by a window that begins at that step."""

@@ -19,16 +19,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agent.estimation.interface import goal_inside
 from agent.estimation.unscented import sigma_points, updated
 from agent.estimation.window import (
     AHEAD_SIGMA_M,
-    LEAST_WINDOW,
     Window,
     WindowStarts,
     ahead,
+    goals_at,
     inside,
     problem_from,
+    window_length,
     window_of,
 )
 from agent.memory import Memory
@@ -37,8 +37,6 @@ from agent.solver.realtime.solver import respond
 from agent.vehicle import Array
 from protocol.scene import Scene
 
-LOOK_BACK = 12
-"""K_w: steps from the states where the model begins to the present, or as many as all robots were seen."""
 SIGMAS = np.array([0.1, 0.1, 0.2, 0.4])
 """σ of p_x, p_y, ψ and v, in m, rad and m/s: how well the model brings a robot to where it is.
 Looks back overlap, so that one wrong prediction counts several times: half of this was too little."""
@@ -67,15 +65,12 @@ class KalmanFilter:
         """See :class:`agent.estimation.interface.GoalEstimator`."""
         self._keep_to(memory)
         self._covariance += WALK_M**2 * np.eye(len(self._mean))
-        most = min(LOOK_BACK, self._scene.horizons.prediction_steps)
-        length = min(len(memory.states(robot, most + 1)) - 1 for robot in self._robots)
-        if length >= LEAST_WINDOW:
+        length = window_length(memory, self._robots, self._scene)
+        if length:
             window = window_of(memory, self._robots, length, self._scene.step_s)
             self._measure(window, memory.step - length)
-        return {
-            robot: goal_inside(self._scene.area, np.append(mean, memory.state(robot)[2]))
-            for robot, mean in zip(self._robots, self._mean.reshape(-1, 2), strict=True)
-        }
+        means = dict(zip(self._robots, self._mean.reshape(-1, 2), strict=True))
+        return goals_at(self._scene, memory, means)
 
     def _keep_to(self, memory: Memory) -> None:
         """Let go of robots that went; of those that came, goals straight ahead are expected at first."""

@@ -1,6 +1,6 @@
 """The last steps of all robots, and the joint problem (eq. 7) that says how they would have driven them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +13,8 @@ from agent.vehicle import Array, recovered_inputs
 from protocol.scene import Area, Scene
 from protocol.vehicle import STANDSTILL, Input
 
+WINDOW = 12
+"""K_w: steps that are explained, or as many as all robots were seen."""
 LEAST_WINDOW = 2
 """An input shows in the position two steps later."""
 AHEAD_M = 8.0
@@ -32,6 +34,17 @@ class Window(NamedTuple):
     """Shape (N, K_w, 4)."""
     inputs: Array
     """Shape (N, K_w, 2)."""
+
+
+def window_length(memory: Memory, robots: Sequence[str], scene: Scene) -> int:
+    """How many steps can be explained: K_w, or as many as these robots were seen and a problem goes ahead.
+
+    Returns:
+        Zero where it is so few that nothing shows.
+    """
+    most = min(WINDOW, scene.horizons.prediction_steps)
+    length = min(len(memory.states(robot, most + 1)) - 1 for robot in robots)
+    return length if length >= LEAST_WINDOW else 0
 
 
 def window_of(memory: Memory, robots: Sequence[str], length: int, step_s: float) -> Window:
@@ -57,6 +70,14 @@ def ahead(area: Area, state: Array) -> Array:
 def inside(area: Area, position: Array) -> Array:
     """A position (2,) moved into the area."""
     return goal_inside(area, np.append(position, 0.0))[:2]
+
+
+def goals_at(scene: Scene, memory: Memory, positions: Mapping[str, Array]) -> dict[str, Array]:
+    """Goal states at these positions (2,), with the present headings: of those of goals nothing is known."""
+    return {
+        robot: goal_inside(scene.area, np.append(position, memory.state(robot)[2]))
+        for robot, position in positions.items()
+    }
 
 
 def problem_from(scene: Scene, robots: Sequence[str], window: Window, goals: Array) -> JointProblem:

@@ -22,7 +22,7 @@ def best_solution(
     problem: JointProblem,
     starts: Sequence[Start],
     deadline: Deadline,
-    escapes: Callable[[JointProblem], Sequence[Start]] = lambda _problem: (),
+    escapes: Callable[[JointProblem], Sequence[Start]] | None = None,
 ) -> Solution:
     """Solve from each start, as time allows but at least from the first, and take the best solution.
 
@@ -30,7 +30,7 @@ def best_solution(
     the earlier start. ``escapes`` gives further starts where the first one ends in a deadlock.
     """
     best = solver.solve(problem, starts[0])
-    if is_deadlock(problem, best):
+    if escapes is not None and is_deadlock(problem, best):
         starts = [*starts, *escapes(problem)]
     for start in starts[1:]:
         if deadline.passed:

@@ -1,5 +1,7 @@
 """Inputs to start a solver from, all within the limits of the vehicles."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from agent.compiled import kernel
@@ -25,7 +27,7 @@ def cold_starts(problem: JointProblem) -> list[Start]:
     """
     left = np.ones(len(problem.states))
     alternating = np.where(np.arange(len(left)) % 2, -left, left)
-    return [_turning(problem, SIDESTEP_RADPS * sides) for sides in (left, -left, alternating, 0.0 * left)]
+    return _turning(problem, [SIDESTEP_RADPS * sides for sides in (left, -left, alternating, 0.0 * left)])
 
 
 def escapes(problem: JointProblem) -> list[Start]:
@@ -34,15 +36,20 @@ def escapes(problem: JointProblem) -> list[Start]:
     Standing still is a stationary point: a heading matters only to a robot that drives.
     """
     quickest = problem.input_bounds[:, 0]
-    return [_turning(problem, rates) for rates in (quickest, -quickest)]
+    return _turning(problem, [quickest, -quickest])
 
 
-def _turning(problem: JointProblem, rates_radps: Array) -> Start:
-    inputs = braking_inputs(problem)
-    inputs[:, :, 0] += rates_radps[:, None]
-    robots, steps = inputs.shape[:2]
-    forces, pressures = np.zeros((robots, steps + 1, 2)), np.zeros((robots, steps, LIMITED_QUANTITIES))
-    return Start(within_limits(problem, inputs), forces, pressures, warm=False)
+def _turning(problem: JointProblem, turns_radps: Sequence[Array]) -> list[Start]:
+    """All brake, each start with other turn rates (M,) in addition."""
+    braking = braking_inputs(problem)
+    robots, steps = braking.shape[:2]
+    starts = []
+    for rates_radps in turns_radps:
+        inputs = braking.copy()
+        inputs[:, :, 0] += rates_radps[:, None]
+        forces, pressures = np.zeros((robots, steps + 1, 2)), np.zeros((robots, steps, LIMITED_QUANTITIES))
+        starts.append(Start(within_limits(problem, inputs), forces, pressures, warm=False))
+    return starts
 
 
 def braking_inputs(problem: JointProblem) -> Array:

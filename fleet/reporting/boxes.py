@@ -14,6 +14,10 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
+from fleet.picture import legend_mark
+
+Values = NDArray[np.float64]
+
 DOTS_PER_INCH = 150
 WIDTH_IN, LEFT_IN, RIGHT_IN, TOP_IN, AXIS_IN, LEGEND_LINE_IN = 7.2, 2.15, 0.2, 0.4, 0.5, 0.22
 SERIES_IN, GAP_IN = 0.36, 0.2
@@ -22,6 +26,8 @@ INK, RED = "0.25", "#c1121f"
 COLOURS = ("#8ecae6", "#a7d49b", "#ffd166")
 """Of the boxes: the first two as light as the publication's blue and green."""
 DOT, BEYOND, COLLISION, PUBLISHED = "o", ">", "X", "D"
+EDGE = 1.2
+"""Width of the edge of the publication's marks in points."""
 GOLDEN = 0.6180339887498949
 """Multiples of it fill an interval evenly: dots are spread by it, the same way each time."""
 
@@ -115,7 +121,8 @@ class Chart:
             for method, values in shown.items():
                 self._dots(axes, places[method], values, self.collided.get(method, set()))
             for method in self.methods.keys() & series.published.keys():
-                _mark(axes, series.published[method], places[method], PUBLISHED, 5.5, "white", "black", 5)
+                where = np.array([series.published[method]]), np.array([places[method]])
+                _marks(axes, where, PUBLISHED, 5.5, "white", edge="black", edge_width=EDGE, zorder=5.0)
         if self.line is not None:
             axes.axvline(self.line[0], color=RED, linewidth=1.2, zorder=1)
         if self._reaches_beyond:
@@ -160,9 +167,10 @@ class Chart:
         x, y = np.array(list(values.values())), np.asarray(place + spread, dtype=np.float64)
         hit = np.array([scenario in collided for scenario in values])
         beyond = x > self.most
-        _scatter(axes, x[~hit & ~beyond], y[~hit & ~beyond], DOT, 3.2, INK, 0.45)
-        _scatter(axes, x[beyond].clip(max=self.most), y[beyond], BEYOND, 4.0, INK, 0.45)
-        _scatter(axes, x[hit], y[hit], COLLISION, 6.0, RED, 0.9)
+        usual = ~hit & ~beyond
+        _marks(axes, (x[usual], y[usual]), DOT, 3.2, INK, alpha=0.45)
+        _marks(axes, (x[beyond].clip(max=self.most), y[beyond]), BEYOND, 4.0, INK, alpha=0.45)
+        _marks(axes, (x[hit], y[hit]), COLLISION, 6.0, RED, edge="white", alpha=0.9)
 
     def _style(self, axes: Axes) -> None:
         height = len(self.methods) * (len(self.series) * SERIES_IN + GAP_IN)
@@ -190,63 +198,38 @@ class Chart:
         if len(self.series) > 1:
             for series, colour in zip(self.series, COLOURS, strict=False):
                 entries[series.label] = Patch(facecolor=colour, edgecolor=INK, linewidth=0.9)
-        entries["one scenario"] = _handle(DOT, 3.5, INK)
+        entries["one scenario"] = legend_mark(DOT, 3.5, INK)
         if self._reaches_beyond:
-            entries["one further right"] = _handle(BEYOND, 4.5, INK)
+            entries["one further right"] = legend_mark(BEYOND, 4.5, INK)
         if any(self.collided.values()):
-            entries["scenario with a collision"] = _handle(COLLISION, 6.5, RED)
+            entries["scenario with a collision"] = legend_mark(COLLISION, 6.5, RED)
         if any(series.published for series in self.series):
-            entries[self.published] = _handle(PUBLISHED, 5.5, "white", "black")
+            entries[self.published] = legend_mark(PUBLISHED, 5.5, "white", edge="black", edge_width=EDGE)
         if self.line is not None:
             entries[self.line[1]] = Line2D([], [], color=RED, linewidth=1.2)
         return entries
 
 
-def _scatter(
+def _marks(
     axes: Axes,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
+    places: tuple[Values, Values],
     marker: str,
     size: float,
-    colour: str,
-    alpha: float,
+    face: str,
+    *,
+    edge: str = "none",
+    edge_width: float = 0.5,
+    alpha: float = 1.0,
+    zorder: float = 4.0,
 ) -> None:
     axes.plot(
-        *(x, y),
+        *places,
         linestyle="none",
         marker=marker,
         markersize=size,
-        markerfacecolor=colour,
-        markeredgecolor="white" if marker == COLLISION else "none",
-        markeredgewidth=0.5,
+        markerfacecolor=face,
+        markeredgecolor=edge,
+        markeredgewidth=edge_width,
         alpha=alpha,
-        zorder=4,
-    )
-
-
-def _mark(
-    axes: Axes, x: float, y: float, marker: str, size: float, face: str, edge: str, zorder: float
-) -> None:
-    axes.plot(
-        *([x], [y]),
-        linestyle="none",
-        marker=marker,
-        markersize=size,
-        markerfacecolor=face,
-        markeredgecolor=edge,
-        markeredgewidth=1.2,
         zorder=zorder,
-    )
-
-
-def _handle(marker: str, size: float, face: str, edge: str = "none") -> Line2D:
-    return Line2D(
-        [],
-        [],
-        linestyle="none",
-        marker=marker,
-        markersize=size,
-        markerfacecolor=face,
-        markeredgecolor=edge,
-        markeredgewidth=1.2,
     )

@@ -13,8 +13,8 @@ from realtime_helpers import closed_loop, data_of, random_crossing
 
 import agent.estimation.joint_fit as module
 from agent.estimation.inverse_optimal_control import InverseOptimalControl
-from agent.estimation.joint_fit import LONGEST_M, SIGMAS, WINDOW, JointFit, gauss_newton
-from agent.estimation.window import AHEAD_M, window_of
+from agent.estimation.joint_fit import LONGEST_M, SIGMAS, JointFit, gauss_newton
+from agent.estimation.window import WINDOW, window_of
 from agent.memory import Memory
 from agent.solver.realtime.interior_point import Program, respond, solve_program
 from agent.solver.realtime.profiles import pull_back, states_of
@@ -96,44 +96,6 @@ def test_goals_are_found_from_how_robots_drive_better_than_by_the_published_esti
 def test_a_robot_alone_is_understood_too():
     states, goals = followed(1, 5, 40)
     assert errors_m(JointFit(scene_of("0")), states, goals)[25:].max() < 0.5
-
-
-def test_a_robot_that_stands_is_soon_taken_to_have_arrived():
-    memory, estimator = Memory(17, STEP_S), JointFit(scene_of("ab"))
-    for step in range(40):
-        memory.remember(step, {"a": (0.0, 0.0, 0.5, 0.0), "b": (4.0, 4.0, 2.0, 0.0)})
-        goals = estimator.estimate(memory)
-    assert np.linalg.norm(goals["a"][:2]) < 0.7
-    assert np.linalg.norm(goals["b"][:2] - 4.0) < 0.7
-
-
-def test_a_robot_that_appears_is_first_taken_to_go_straight_on_and_one_that_vanishes_is_forgotten():
-    estimator = JointFit(scene_of("ab"))
-    far = {"a": np.array([(-4.0, 0.0, 0.0, 1.0)])}
-    first = estimator.estimate(remembered(far))
-    np.testing.assert_allclose(first["a"], [-4.0 + AHEAD_M, 0.0, 0.0, 0.0])
-    both = remembered(
-        {"a": np.array([(-4.0, 0.0, 0.0, 1.0), (-3.9, 0.0, 0.0, 1.0)]), "b": np.array([(0.0, 9.0, 1.5, 0.0)])}
-    )
-    found = estimator.estimate(both)
-    assert set(found) == {"a", "b"}
-    assert found["b"][1] == 10.0, "its goal is kept inside the area"
-    assert set(estimator.estimate(remembered(far))) == {"a"}
-
-
-def test_robots_that_come_and_go_shorten_and_lengthen_the_window_and_do_no_harm():
-    """The other's goal is found all the same, although a passer-by is seen every now and then."""
-    states, goals = followed(2, 1, 45)
-    estimator, memory, found = JointFit(scene_of("01p")), Memory(17, STEP_S), {}
-    for step, now in enumerate(states):
-        seen = {str(robot): tuple(state) for robot, state in enumerate(now.tolist())}
-        if step % 20 < 4:
-            seen["p"] = (8.0, -9.0 + 0.1 * step, np.pi / 2, 1.0)
-        memory.remember(step, seen)
-        found = estimator.estimate(memory)
-        assert all(np.isfinite(goal).all() for goal in found.values())
-    errors = [np.linalg.norm(found[str(robot)][:2] - goal) for robot, goal in enumerate(goals)]
-    assert max(errors) < 1.0
 
 
 def test_it_looks_back_no_further_than_it_predicts():
