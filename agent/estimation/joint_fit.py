@@ -40,6 +40,8 @@ FORGETTING = 1.2
 """Factor on the covariance of an estimate from one step to the next."""
 DRIFT_M = 0.1
 """Standard deviation that is added to it."""
+TOLERANCE = 1e-3
+"""Of the optimality conditions: a step towards the goals needs less than a trajectory that is driven."""
 LONGEST_M = 1.5
 """A goal moves no further in a round: derivatives hold nearby."""
 
@@ -85,7 +87,7 @@ class JointFit:
         length = window.states.shape[1]
         problem = problem_from(self._scene, robots, window, prior)
         start = self._starts.start(problem, robots, window, begin)
-        response = respond(problem, start, length)
+        response = respond(problem, start, length if start.warm else 0, TOLERANCE)
         if not response.solution.solved:
             self._starts.forget()
             return

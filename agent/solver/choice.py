@@ -5,13 +5,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from agent.deadline import Deadline
-from agent.solver.problem import JointProblem, JointSolver, Solution, Start
+from agent.solver.problem import PRICE_PER_M, JointProblem, JointSolver, Solution, Start
 
 WORTH = 0.01
 """Part of the objective by which an optimum must be better than one preferred to it. Robots choose for
 themselves: what differs by less may look the other way round to another one."""
-PRICE_PER_M = 1e4
-"""Of a violated safety distance, in the comparison."""
 NEAR_GOAL_M = 0.5
 STANDING_M = 0.02
 """A robot that goes no further than this in the last third of the horizon stands."""

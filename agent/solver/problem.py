@@ -19,6 +19,10 @@ FIRST_FREE_STAGE = 2
 LIMITED_QUANTITIES = 5
 """A vehicle's limits a stage: turn rate, acceleration, the changes of both, and speed."""
 
+PRICE_PER_M = 2e3
+"""Of a violated metre of distance or area. It is above the multipliers of crossings, so that distances are
+kept exactly wherever they can be, and not much: centimetres that noise takes away are worth no great swerve."""
+
 
 @dataclass(frozen=True)
 class JointProblem:

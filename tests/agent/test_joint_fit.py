@@ -16,10 +16,10 @@ from agent.estimation.inverse_optimal_control import InverseOptimalControl
 from agent.estimation.joint_fit import LONGEST_M, SIGMAS, JointFit, gauss_newton
 from agent.estimation.window import WINDOW, window_of
 from agent.memory import Memory
+from agent.solver.problem import PRICE_PER_M
 from agent.solver.realtime.interior_point import Program, respond, solve_program
 from agent.solver.realtime.profiles import pull_back, states_of
 from agent.solver.realtime.sequential import program_about
-from agent.solver.realtime.solver import PENALTY_PER_M
 from agent.vehicle import Array
 from protocol.scene import Horizons
 
@@ -30,7 +30,7 @@ def programs(robots: int, seed: int) -> Iterator[Program]:
     for each in list(closed_loop(random_crossing(robots, seed), 14))[4::3]:
         start = each.starts[0]
         states = states_of(each.problem.states, start.inputs, STEP_S)
-        yield program_about(data_of(each.problem), states, start.forces, PENALTY_PER_M)
+        yield program_about(data_of(each.problem), states, start.forces, PRICE_PER_M)
 
 
 def solved(program: Program, gradients: Array) -> Array:

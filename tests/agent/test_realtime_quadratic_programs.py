@@ -18,6 +18,7 @@ from realtime_helpers import (
     random_crossing,
 )
 
+from agent.solver.problem import PRICE_PER_M
 from agent.solver.realtime.distances import NOBODY, Rows
 from agent.solver.realtime.interior_point import (
     MOST_ITERATIONS,
@@ -27,7 +28,7 @@ from agent.solver.realtime.interior_point import (
 )
 from agent.solver.realtime.profiles import states_of
 from agent.solver.realtime.sequential import program_about
-from agent.solver.realtime.solver import PENALTY_PER_M, TOLERANCE
+from agent.solver.realtime.solver import TOLERANCE
 from agent.vehicle import Array
 
 TIGHT = 1e-6
@@ -50,7 +51,7 @@ def recorded() -> list[Program]:
         for each in closed_loop(random_crossing(robots, seed), steps):
             start = each.starts[0]
             states = states_of(each.problem.states, start.inputs, STEP_S)
-            programs.append(program_about(data_of(each.problem), states, start.forces, PENALTY_PER_M))
+            programs.append(program_about(data_of(each.problem), states, start.forces, PRICE_PER_M))
     return programs
 
 
@@ -156,7 +157,7 @@ def test_distances_that_cannot_be_kept_cost_their_price_and_no_more(recorded):
         crowded = program._replace(rows=program.rows._replace(gap=gap))
         outcome = solve(crowded, TOLERANCE)
         assert outcome.solved
-        assert outcome.largest_force == pytest.approx(PENALTY_PER_M, rel=1e-6)
+        assert outcome.largest_force == pytest.approx(PRICE_PER_M, rel=1e-6)
         quantities = outcome.change @ limit_matrix(outcome.change.shape[1] // 2, STEP_S).T
         assert (quantities >= program.low - 1e-4).all()
         assert (quantities <= program.high + 1e-4).all()

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from agent_helpers import SOLVERS, cold, euler, problem_of
 
-from agent.solver.problem import JointProblem, JointSolver
+from agent.solver.problem import PRICE_PER_M, JointProblem, JointSolver
 from agent.solver.realtime import solver as realtime
 from agent.solver.reference import PENALTY_PER_M2
 from agent.solver.starts import within_limits
@@ -71,7 +71,7 @@ class Judged:
 
 JUDGED = {
     "reference": Judged(SOLVERS["reference"], of_squares, PENALTY_PER_M2, 1e-6),
-    "realtime": Judged(SOLVERS["realtime"], of_lengths, realtime.PENALTY_PER_M, 1e-6),
+    "realtime": Judged(SOLVERS["realtime"], of_lengths, PRICE_PER_M, 1e-6),
 }
 
 

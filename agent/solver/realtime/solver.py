@@ -5,16 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from agent.deadline import Deadline
-from agent.solver.problem import LIMITED_QUANTITIES, JointProblem, Solution, Start
+from agent.solver.problem import LIMITED_QUANTITIES, PRICE_PER_M, JointProblem, Solution, Start
 from agent.solver.realtime.distances import violations_of
 from agent.solver.realtime.profiles import inputs_of, states_of
 from agent.solver.realtime.sequential import Data, improve
 from agent.solver.starts import within_limits
 from agent.vehicle import Array
 
-PENALTY_PER_M = 3e4
-"""Price of a violated metre of distance or area in the quadratic programs; above all multipliers of
-crossings, so exact."""
 TOLERANCE = 1e-5
 """Of the quadratic programs' optimality conditions."""
 CONVERGED = 5e-4
@@ -48,7 +45,7 @@ class RealTimeSolver:
         solved, iterations = all(bool(np.isfinite(each).all()) for each in given), 0
         while solved and iterations < most and not (iterations and self._deadline.passed):
             states, forces, pressures, promised, _, solved = improve(
-                data, states, forces, pressures, PENALTY_PER_M, TOLERANCE, 0
+                data, states, forces, pressures, PRICE_PER_M, TOLERANCE, 0
             )
             iterations += 1
             if promised <= least and _is_feasible(data, states):
@@ -66,11 +63,18 @@ class Response:
     (2M, M, stages, 4); to first order, and as long as the same constraints are tight."""
 
 
-def respond(problem: JointProblem, start: Start, stages: int) -> Response:
-    """One iteration of the real-time solver, with the sensitivities of so many stages to the goals."""
+def respond(problem: JointProblem, start: Start, stages: int, tolerance: float = TOLERANCE) -> Response:
+    """One iteration of the real-time solver, with the sensitivities of so many stages to the goals.
+
+    Args:
+        problem: the problem.
+        start: where the iteration starts.
+        stages: of so many, from stage 1 on, the sensitivities are wanted.
+        tolerance: of the quadratic program's optimality conditions.
+    """
     data, states, forces, pressures = _begin(problem, start)
     states, forces, pressures, _, by_goal, solved = improve(
-        data, states, forces, pressures, PENALTY_PER_M, TOLERANCE, stages
+        data, states, forces, pressures, PRICE_PER_M, tolerance, stages
     )
     return Response(_solution(problem, states, forces, pressures, solved, iterations=1), by_goal)
 
