@@ -21,7 +21,8 @@ LIMITED_QUANTITIES = 5
 
 PRICE_PER_M = 2e3
 """Of a violated metre of distance or area. It is above the multipliers of crossings, so that distances are
-kept exactly wherever they can be, and not by much: what noise takes away is worth no great swerve."""
+kept exactly wherever they can be, and not far above: what a wrong prediction took is not won back at any
+cost."""
 
 
 @dataclass(frozen=True)
