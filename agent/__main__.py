@@ -1,6 +1,7 @@
 """``python -m agent``: the command line of one robot's process."""
 
 import math
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -13,6 +14,7 @@ from agent.solver import ITERATIONS, SolverName
 from agent.warm import CompilingError
 from protocol.codec import MessageError
 from protocol.keys import checked_name
+from protocol.passwords import Login, PasswordError, read_password
 from protocol.scene import Goal
 from protocol.session import reason_of
 from protocol.signals import on_wish_to_end
@@ -95,6 +97,14 @@ def main(
     connect: Annotated[
         str, typer.Option(envvar="UNSPOKEN_CONNECT", help="Zenoh endpoint of the world.")
     ] = "tcp/127.0.0.1:7447",
+    password_file: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="UNSPOKEN_PASSWORD_FILE",
+            help="File with this robot's password, which only you can read.",
+            show_default="none, for a world that asks for none",
+        ),
+    ] = None,
     run: Annotated[
         str,
         typer.Option(
@@ -132,11 +142,16 @@ def main(
 ) -> None:
     """Be one robot: wait for a world, drive to the goal, until stopped by SIGINT or SIGTERM.
 
-    Exit status: 0 stopped, 2 wrong usage, 3 the world does not fit this robot or cannot be reached at all, or
-    there is no place for the compiled solver.
+    Exit status: 0 stopped, 2 wrong usage or no readable password, 3 the world does not fit this robot or
+    cannot be reached at all, or there is no place for the compiled solver.
     """
     budget_s = None if budget_ms is None else budget_ms / 1000.0
-    options = RobotOptions(robot, parse_goal(goal), connect, run, goals, solver, iterations, budget_s)
+    try:
+        login = None if password_file is None else Login(robot, read_password(password_file))
+    except PasswordError as error:
+        typer.echo(f"robot {robot}: {error}", err=True)
+        raise typer.Exit(WRONG_USAGE) from None
+    options = RobotOptions(robot, parse_goal(goal), connect, login, run, goals, solver, iterations, budget_s)
     process = RobotProcess(options)
     on_wish_to_end(process.stop)
     try:

@@ -2,7 +2,7 @@
 
 import time
 from dataclasses import dataclass
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 
 import structlog
 import zenoh
@@ -17,11 +17,14 @@ from agent.warm import compile_in_background, warm_up
 from protocol.codec import decode, encode
 from protocol.keys import Keys
 from protocol.messages import Message, Observation, PublicScene
+from protocol.passwords import Login
 from protocol.scene import Goal, Scene
-from protocol.session import open_in_background, robot_session
+from protocol.session import client_session, open_in_background
 
 SCENE_TIMEOUT_S = 1.0
 """After this time without an answer the scene is asked for again."""
+PATIENCE_S = 10.0
+"""After this time without a world, and every so often, its absence is told."""
 SCENE_PAUSE_S = 0.1
 """Between two questions: a world can be reached a moment before it answers."""
 
@@ -33,6 +36,8 @@ class RobotOptions:
     robot: str
     goal: Goal
     connect: str
+    login: Login | None
+    """None: the world asks for no password."""
     run: str
     goals: GoalsName
     solver: SolverName
@@ -94,12 +99,25 @@ class RobotProcess:
     def _connect(self) -> zenoh.Session | None:
         """The session, once the world is there and this robot is ready; None if stopped before."""
         self._log.info("waiting for the world", connect=self._options.connect, run=self._options.run)
-        open_in_background(robot_session(self._options.connect), self._opened.put)
+        settings = client_session(self._options.connect, self._options.login)
+        open_in_background(settings, self._opened.put)
         self._get_ready()
-        session = self._opened.get()
+        session = self._await_session()
         if isinstance(session, zenoh.ZError):
             raise session
         return session
+
+    def _await_session(self) -> zenoh.Session | zenoh.ZError | None:
+        """What the opening came to; Zenoh does not tell a world that is not there from one that refuses."""
+        while True:
+            try:
+                return self._opened.get(timeout=PATIENCE_S)
+            except Empty:
+                self._log.warning(
+                    "still waiting: there is no world at this endpoint, or it refuses this robot's password",
+                    connect=self._options.connect,
+                    password="none" if self._options.login is None else "given",
+                )
 
     def _get_ready(self) -> None:
         """Have everything compiled and loaded: later, there is no time for it."""

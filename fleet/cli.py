@@ -74,6 +74,13 @@ def run(
         ),
     ] = None,
     seed: SeedOption = 0,
+    policy: Annotated[
+        bool,
+        typer.Option(
+            "--policy/--no-policy",
+            help="Let every process read and say what it is granted and nothing else, or let all do all.",
+        ),
+    ] = True,
     out: OutOption = None,
 ) -> None:
     """Run a scenario in real processes: a world, and one process per robot.
@@ -89,6 +96,7 @@ def run(
         seed=seed,
         iterations=iterations,
         budget_ms=budget_ms,
+        policy=policy,
     )
     begin = f"starting the world and {_robots(experiment)}"
     _conduct(experiment, out, partial(run_processes, experiment), begin)

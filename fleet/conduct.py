@@ -12,11 +12,11 @@ from fleet.interruption import Interruption
 from fleet.output import Output, OutputError
 from fleet.progress import RunProgress
 from fleet.recording import RecordingError
-from fleet.stream import BusMessage
-from fleet.verdict_table import robot_table, verdict_line
+from fleet.stream import BusMessage, RefusedMind
+from fleet.verdict_table import refusal_lines, robot_table, verdict_line
 from world.process import ExitStatus
 
-Stream = Callable[[Path, Interruption], Iterator[BusMessage]]
+Stream = Callable[[Path, Interruption], Iterator[BusMessage | RefusedMind]]
 """Makes a run's messages, given the directory for logs and the wish to end."""
 
 
@@ -45,14 +45,18 @@ def conduct(experiment: Experiment, directory: Path, stream: Stream, begin: str)
 
 
 def _follow(
-    messages: Iterator[BusMessage], output: Output, progress: RunProgress, interruption: Interruption
+    messages: Iterator[BusMessage | RefusedMind],
+    output: Output,
+    progress: RunProgress,
+    interruption: Interruption,
 ) -> ProcessFailedError | None:
     """Take every message; return a failure of the run, if there is one."""
     with closing(messages):  # type: ignore[type-var]  # generators, whose closing ends the processes
         try:
-            for message in messages:
-                output.take(message)
-                progress.show(message.message)
+            for item in messages:
+                output.take(item)
+                if isinstance(item, BusMessage):
+                    progress.show(item.message)
                 if interruption.insisted:
                     return None
         except ProcessFailedError as error:
@@ -74,6 +78,8 @@ def _finish(
     if summary.robots:
         console.print(robot_table(summary, output.tally.clipped_commands))
     console.print(verdict_line(summary, experiment.scenario.step_s))
+    for line in refusal_lines(summary):
+        console.print(line, markup=False, soft_wrap=True)
     written = ", ".join(sorted(path.name for path in output.directory.iterdir()))
     console.print(f"Recorded in {output.directory}: {written}", markup=False, soft_wrap=True)
     if failure is not None:

@@ -36,6 +36,7 @@ def prepare(
     seed: int,
     iterations: int = ITERATIONS,
     budget_ms: float | None = None,
+    policy: bool = False,
 ) -> Experiment:
     """Read the scenario and give the run a name of its own.
 
@@ -47,6 +48,7 @@ def prepare(
         seed: of sensor noise and dropouts.
         iterations: most of the real-time solver for one problem.
         budget_ms: for a decision; None for a share of Δt in real time and no limit otherwise.
+        policy: whether processes may do only what they are granted.
 
     Raises:
         ScenarioError: there is no such scenario, or it is wrong.
@@ -63,6 +65,7 @@ def prepare(
         budget_ms=budget_ms,
         clock=clock,
         seed=seed,
+        policy=policy,
         run=f"run-{secrets.token_hex(4)}",
         version=version("unspoken"),
     )

@@ -25,6 +25,8 @@ class RunFacts(Settings):
     seed: int
     run: Name
     """The run's name on the bus."""
+    policy: bool = False
+    """Whether the world's router let every process do what it was granted and nothing else."""
     version: str
     """Of this software."""
 

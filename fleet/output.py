@@ -7,7 +7,7 @@ from fleet.course import Course
 from fleet.experiment import Experiment
 from fleet.picture import draw_paths
 from fleet.recording import Recorder
-from fleet.stream import BusMessage
+from fleet.stream import BusMessage, RefusedMind
 from fleet.summary import Summary, Tally
 
 
@@ -54,15 +54,18 @@ class Output:
         """Close the recording, whatever happened."""
         self._recorder.__exit__()
 
-    def take(self, message: BusMessage) -> None:
-        """Record a message and count it.
+    def take(self, item: BusMessage | RefusedMind) -> None:
+        """Record a message and count it; what was refused is only counted.
 
         Raises:
             RecordingError: the disk does not take it.
         """
-        self._recorder.record(message.key, message.message, message.time_ns)
-        self.tally.add(message.message)
-        self._course.add(message.message)
+        if isinstance(item, RefusedMind):
+            self.tally.refuse(item)
+            return
+        self._recorder.record(item.key, item.message, item.time_ns)
+        self.tally.add(item.message)
+        self._course.add(item.message)
 
     def finish(self, without_verdict: str) -> Summary:
         """Write the summary and the picture.

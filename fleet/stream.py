@@ -1,8 +1,8 @@
 """A run as a stream of bus messages, the same whether it comes from processes or from virtual time."""
 
-from typing import NamedTuple
+from typing import Final, Literal, NamedTuple
 
-from protocol.messages import Command, Message, Mind, Observation, PublicScene, Truth
+from protocol.messages import Command, Message, Mind, Observation, PublicScene, Refusal, Truth
 
 KINDS: dict[str, type[Message]] = {
     "pose": Observation,
@@ -21,3 +21,15 @@ class BusMessage(NamedTuple):
     message: Message
     time_ns: int
     """Unix time of arrival for real processes; simulated time since step 0 in virtual time."""
+
+
+TOO_MANY: Final = "too many at once"
+"""Why minds are not recorded that come faster than the bench takes them."""
+
+
+class RefusedMind(NamedTuple):
+    """Minds of a robot that were not recorded."""
+
+    robot: str
+    reason: Refusal | Literal["too many at once"]
+    how_many: int = 1

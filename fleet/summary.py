@@ -1,6 +1,7 @@
 """The summary of a run: what ``summary.json`` says."""
 
 from array import array
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
@@ -10,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from fleet.facts import RunFacts
 from fleet.files import write_whole
+from fleet.stream import RefusedMind
 from protocol.messages import Message, Mind, TrueRobot, Truth
 
 
@@ -73,6 +75,8 @@ class Summary(_Record):
     solver_failures: int
     deadline_misses: int
     clipped_commands: int
+    refused: dict[str, dict[str, int]]
+    """Messages that were not taken, by robot and reason; reasons of minds begin with ``mind:``."""
     robots: tuple[RobotSummary, ...]
     phases_ms: Phases
 
@@ -92,6 +96,7 @@ class Tally:
         self._truth: Truth | None = None
         self._robots: dict[str, TrueRobot] = {}
         self._solver_failures: dict[str, int] = {}
+        self._refused_minds: dict[str, Counter[str]] = {}
         self._durations_ms = {phase: array("d") for phase in Phases.model_fields}
 
     def add(self, message: Message) -> None:
@@ -106,6 +111,22 @@ class Tally:
                 duration_ms = getattr(message.timings_ms, phase)
                 if duration_ms > 0.0:
                     durations_ms.append(duration_ms)
+
+    def refuse(self, refused: RefusedMind) -> None:
+        """Count minds that were not taken."""
+        self._refused_minds.setdefault(refused.robot, Counter())[f"mind: {refused.reason}"] += (
+            refused.how_many
+        )
+
+    @property
+    def refused(self) -> dict[str, dict[str, int]]:
+        """Messages that were not taken so far, by robot and reason."""
+        counts: dict[str, dict[str, int]] = {}
+        commands = self._truth.refused if self._truth else {}
+        for of_one_kind in (commands, self._refused_minds):
+            for robot, reasons in of_one_kind.items():
+                counts.setdefault(robot, {}).update({str(reason): count for reason, count in reasons.items()})
+        return counts
 
     @property
     def clipped_commands(self) -> dict[str, int]:
@@ -136,6 +157,7 @@ class Tally:
             solver_failures=sum(self._solver_failures.values()),
             deadline_misses=sum(robot.deadline_misses for robot in self._robots.values()),
             clipped_commands=sum(self.clipped_commands.values()),
+            refused=self.refused,
             robots=tuple(self._robot(name, robot) for name, robot in self._robots.items()),
             phases_ms=Phases(**{name: _percentiles(values) for name, values in self._durations_ms.items()}),
         )

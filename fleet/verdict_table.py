@@ -64,6 +64,14 @@ def verdict_line(summary: Summary, step_s: float) -> str:
 _OPENINGS = {"timeout": "Out of time"}
 
 
+def refusal_lines(summary: Summary) -> list[str]:
+    """What was not taken of each robot's messages: nothing, as long as all behave."""
+    return [
+        f"Refused of robot {robot}: {', '.join(f'{count} × {reason}' for reason, count in reasons.items())}."
+        for robot, reasons in summary.refused.items()
+    ]
+
+
 def _progress(summary: Summary) -> str:
     missing = [robot.id for robot in summary.robots if robot.arrived_s is None]
     if not missing:

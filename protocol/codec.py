@@ -7,7 +7,6 @@ from pydantic import ValidationError
 
 from protocol.messages import Message
 
-MAX_PAYLOAD_BYTES = 256 * 1024
 MAX_ITEMS = 32 * 1024
 MAX_TEXT_BYTES = 64
 MAX_DEPTH = 8
@@ -26,10 +25,7 @@ def encode(message: Message) -> bytes:
         MessageError: the message would be larger than any reader accepts.
     """
     payload: bytes = msgpack.packb(message.model_dump(mode="python"))
-    if len(payload) > MAX_PAYLOAD_BYTES:
-        raise MessageError(
-            f"{type(message).__name__}: {len(payload)} bytes, at most {MAX_PAYLOAD_BYTES} are allowed"
-        )
+    _check_size(type(message), payload)
     return payload
 
 
@@ -41,8 +37,7 @@ def decode(kind: type[M], payload: bytes) -> M:
             wrongly typed field, NaN, an infinity or a value out of range.
     """
     name = kind.__name__
-    if len(payload) > MAX_PAYLOAD_BYTES:
-        raise MessageError(f"{name}: {len(payload)} bytes, at most {MAX_PAYLOAD_BYTES} are allowed")
+    _check_size(kind, payload)
     content = _unpack(name, payload)
     if not isinstance(content, dict):
         raise MessageError(f"{name}: a map is expected, found {type(content).__name__}")
@@ -56,6 +51,11 @@ def decode(kind: type[M], payload: bytes) -> M:
         first = error.errors(include_url=False, include_context=False)[0]
         where = ".".join(str(part) for part in first["loc"])
         raise MessageError(f"{name}: {where}: {first['msg']}, found {first['input']!r:.80}") from None
+
+
+def _check_size(kind: type[Message], payload: bytes) -> None:
+    if len(payload) > kind.MAX_BYTES:
+        raise MessageError(f"{kind.__name__}: {len(payload)} bytes, at most {kind.MAX_BYTES} are allowed")
 
 
 def _unpack(name: str, payload: bytes) -> Any:

@@ -11,6 +11,11 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31
 NAME_RULE = "1 to 32 letters, digits, '-' or '_' are expected, a letter or a digit first"
 """What a name looks like, for people."""
 
+WORLD_NAME = "@world"
+"""The world's name in its certificate; no robot can have it."""
+BENCH_NAME = "@bench"
+"""The bench's name in its certificate or beside its password; no robot can have it."""
+
 _NAME = TypeAdapter(Name)
 
 
@@ -67,18 +72,13 @@ class Keys:
         return f"unspoken/{self.run}/truth"
 
     @property
-    def every_command(self) -> str:
-        """The world's subscription to all commands."""
-        return f"unspoken/{self.run}/command/*"
-
-    @property
     def everyone_alive(self) -> str:
         """The world's subscription to all liveliness tokens."""
         return f"unspoken/{self.run}/alive/*"
 
     @property
     def everything(self) -> str:
-        """The recorder's subscription."""
+        """The bench's subscription."""
         return f"unspoken/{self.run}/**"
 
     def robot_of(self, key: str) -> str:

@@ -18,6 +18,7 @@ from protocol.scene import MAX_ROBOTS, Scene
 from protocol.vehicle import Input
 
 MAX_HORIZON = 200
+MAX_PAYLOAD_BYTES = 256 * 1024
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Count = Annotated[int, Field(ge=0, le=2**53)]
@@ -33,6 +34,8 @@ class Message(_Strict):
     """One message. Every kind states its version, so that a reader refuses what it does not know."""
 
     VERSION: ClassVar[int] = 1
+    MAX_BYTES: ClassVar[int] = MAX_PAYLOAD_BYTES
+    """Of a payload."""
     schema_version: Literal[1] = 1
     epoch: Epoch
     """Drawn anew by every world: messages of another epoch belong to another run of the world."""
@@ -88,6 +91,7 @@ class Observation(Message):
 class Command(Message):
     """``command/<robot>``: the input with which a robot answers one observation."""
 
+    MAX_BYTES: ClassVar[int] = 1024
     robot: Name
     step: Count
     turn_rate_radps: Coordinate
@@ -122,6 +126,19 @@ class TrueRobot(_Strict):
     clipped_commands: Count
 
 
+Refusal = Literal[
+    "not a valid message",
+    "names another robot",
+    "answers another epoch",
+    "answers another step",
+    "answers a step again",
+]
+"""Why a robot's command, or its mind, is not taken."""
+
+Refusals = dict[Name, dict[Refusal, Count]]
+"""How often, by robot and reason; only what happened stands there."""
+
+
 class Truth(Message):
     """``truth``: true states at a step with the inputs that led there, and the referee's counts so far."""
 
@@ -132,6 +149,8 @@ class Truth(Message):
     """Smallest distance of two centres so far; none with a single robot."""
     collisions: Annotated[tuple[tuple[Name, Name], ...], Field(max_length=MAX_ROBOTS**2)]
     """Pairs that have come closer than their bodies allow, each once."""
+    refused: Annotated[Refusals, Field(max_length=MAX_ROBOTS)]
+    """Commands that the world has not taken so far."""
     verdict: Verdict | None
     """None while the run goes on; set on the last message of the epoch."""
 

@@ -4,13 +4,18 @@ The world is the router of its own star; robots and the bench are clients of it.
 multicast, gossip and shared memory are off, so that every message passes through the world.
 """
 
+import os
 import re
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Literal
 
 import zenoh
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
+
+from protocol.passwords import Login
+from protocol.policy import AccessControl
 
 LEASE_MS = 1000
 """Silence after which a peer counts as gone: a stopped process is noticed within about a second."""
@@ -37,7 +42,7 @@ class Scouting(_ZenohSettings):
 
 
 class Unicast(_ZenohSettings):
-    """Limits on connections being opened, in ms and in number.
+    """Limits on connections being opened, in ms and in number, and on open ones.
 
     Idle sockets may not keep newcomers out, and an answer that never comes may not stop a reconnection.
     """
@@ -45,6 +50,7 @@ class Unicast(_ZenohSettings):
     open_timeout: int = 1000
     accept_timeout: int = 1000
     accept_pending: int = 1000
+    max_sessions: int = 1000
 
 
 class QueueSizes(_ZenohSettings):
@@ -83,12 +89,27 @@ class Link(_ZenohSettings):
     rx: Receiving = Receiving()
 
 
+class Passwords(_ZenohSettings):
+    """Who this is, for a client; who may connect, for the world."""
+
+    user: str | None = None
+    password: str | None = Field(default=None, repr=False)
+    dictionary_file: str | None = None
+
+
+class Authentication(_ZenohSettings):
+    """How names are proven where there are no certificates."""
+
+    usrpwd: Passwords
+
+
 class Transport(_ZenohSettings):
     """Shared memory would bypass the size limit, so it is off."""
 
     unicast: Unicast = Unicast()
     link: Link = Link()
     shared_memory: Switch = Switch()
+    auth: Authentication | None = None
 
 
 class Listen(_ZenohSettings):
@@ -122,6 +143,7 @@ class SessionSettings(_ZenohSettings):
     connect: Connect = Connect()
     scouting: Scouting = Scouting()
     transport: Transport = Transport()
+    access_control: AccessControl | None = None
 
     def to_zenoh(self) -> zenoh.Config:
         """Zenoh's own configuration object.
@@ -129,22 +151,47 @@ class SessionSettings(_ZenohSettings):
         Raises:
             zenoh.ZError: Zenoh does not accept an endpoint.
         """
-        return zenoh.Config.from_json5(self.model_dump_json())
+        return zenoh.Config.from_json5(self.model_dump_json(exclude_none=True))
 
 
-def world_session(listen: str) -> SessionSettings:
-    """The world: a router that accepts connections at an endpoint such as ``tcp/127.0.0.1:7447``."""
-    return SessionSettings(mode="router", listen=Listen(endpoints=(listen,)))
+def world_session(
+    listen: str, access: AccessControl | None = None, users: Path | None = None, most_sessions: int = 1000
+) -> SessionSettings:
+    """The world: a router that accepts connections at an endpoint such as ``tcp/127.0.0.1:7447``.
+
+    Args:
+        listen: that endpoint.
+        access: who may do what; None: everybody everything.
+        users: file of the names and passwords of those who may connect; None: no password is asked for.
+        most_sessions: how many may be connected at a time.
+    """
+    auth = Authentication(usrpwd=Passwords(dictionary_file=str(users))) if users else None
+    transport = Transport(unicast=Unicast(max_sessions=most_sessions), auth=auth)
+    listening = Listen(endpoints=(listen,))
+    return SessionSettings(mode="router", listen=listening, transport=transport, access_control=access)
 
 
-def robot_session(connect: str) -> SessionSettings:
-    """A robot: a client of the world at this endpoint."""
-    return SessionSettings(mode="client", connect=Connect(endpoints=(connect,)))
+def client_session(connect: str, login: Login | None = None) -> SessionSettings:
+    """A robot or the bench: a client of the world at this endpoint.
+
+    Args:
+        connect: that endpoint.
+        login: who this is; None where the world asks for no password.
+    """
+    auth = None
+    if login is not None:
+        auth = Authentication(usrpwd=Passwords(user=login.user, password=login.password))
+    connecting = Connect(endpoints=(connect,))
+    return SessionSettings(mode="client", connect=connecting, transport=Transport(auth=auth))
 
 
-def bench_session(connect: str) -> SessionSettings:
-    """The experimenter's bench: a client like a robot, with other keys."""
-    return SessionSettings(mode="client", connect=Connect(endpoints=(connect,)))
+def receive_on_threads(count: int) -> None:
+    """Let this process receive from so many connections at once; to be called before the first session.
+
+    Zenoh has two such threads. Two robots whose messages wait to be taken would hold up all the others.
+    Zenoh reads this from the environment and nowhere else.
+    """
+    os.environ["ZENOH_RUNTIME"] = f"(rx: (worker_threads: {count}))"
 
 
 def reason_of(error: zenoh.ZError) -> str:

@@ -1,5 +1,6 @@
 """``python -m world``: the command line of the world's process."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -7,6 +8,7 @@ import typer
 from protocol.keys import NAME_RULE, checked_name
 from protocol.scenario_file import ScenarioError, load_scenario
 from scenarios import find
+from world.access import Access, AccessError
 from world.process import ClockKind, EndpointError, ExitStatus, WorldOptions, run_world
 from world.run import RobotsMissingError
 
@@ -36,6 +38,23 @@ def main(
     listen: Annotated[
         str, typer.Option(envvar="UNSPOKEN_LISTEN", help="Zenoh endpoint at which robots connect.")
     ] = "tcp/127.0.0.1:7447",
+    users: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="UNSPOKEN_USERS",
+            help="File of lines name:password, for every robot and @bench, which only you can read. With it, "
+            "each may do what the policy grants it and nothing else.",
+            show_default="none, and whoever connects may read and say anything",
+        ),
+    ] = None,
+    insecure: Annotated[
+        bool,
+        typer.Option(
+            "--insecure",
+            envvar="UNSPOKEN_INSECURE",
+            help="Let other machines connect although nothing is encrypted.",
+        ),
+    ] = False,
     run: Annotated[
         str,
         typer.Option(
@@ -77,17 +96,21 @@ def main(
 ) -> None:
     """Simulate and referee one run.
 
-    Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage or
-    scenario, 3 robots were missing at the start or the endpoint could not be opened.
+    Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage, scenario
+    or passwords, 3 robots were missing at the start or the endpoint could not be opened.
     """
     try:
         loaded = load_scenario(find(scenario))
     except ScenarioError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(ExitStatus.WRONG_USAGE) from None
-    options = WorldOptions(loaded, listen, run, clock, seed, exchange_goals, start_timeout, answer_timeout)
+    access = Access(listen, users, insecure)
+    options = WorldOptions(loaded, access, run, clock, seed, exchange_goals, start_timeout, answer_timeout)
     try:
         status = run_world(options)
+    except AccessError as error:
+        typer.echo(f"world: {error}", err=True)
+        raise typer.Exit(ExitStatus.WRONG_USAGE) from None
     except (EndpointError, RobotsMissingError) as error:
         typer.echo(f"world: {error}", err=True)
         raise typer.Exit(ExitStatus.FAILED) from None

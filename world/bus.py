@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Mapping
+from functools import partial
 
 import zenoh
 
@@ -21,7 +22,7 @@ class Bus:
         session: open for as long as the bus is used.
         keys: of this run.
         scene: the answer to queries of the scene.
-        robots: ids of the robots that get observations.
+        robots: ids of the robots that get observations and give commands.
         inbox: where commands and liveliness go.
     """
 
@@ -34,8 +35,8 @@ class Bus:
             with query:
                 query.reply(keys.scene, payload)
 
-        def store_command(sample: zenoh.Sample) -> None:
-            inbox.store_command(keys.robot_of(str(sample.key_expr)), sample.payload.to_bytes())
+        def store_command(robot: str, sample: zenoh.Sample) -> None:
+            inbox.store_command(robot, sample.payload.to_bytes())
 
         def store_presence(sample: zenoh.Sample) -> None:
             present = sample.kind == zenoh.SampleKind.PUT
@@ -53,7 +54,11 @@ class Bus:
         # Presence comes last: a robot that is seen as present can be sure that all else is there.
         self._declared = (
             session.declare_queryable(keys.scene, answer),
-            session.declare_subscriber(keys.every_command, store_command),
+            # One for each robot, so that each waits for itself when it has said too much.
+            *(
+                session.declare_subscriber(keys.command(robot), partial(store_command, robot))
+                for robot in robots
+            ),
             session.liveliness().declare_subscriber(keys.everyone_alive, store_presence, history=True),
         )
 

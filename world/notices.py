@@ -6,33 +6,35 @@ from collections.abc import Callable, Iterable
 
 from structlog.typing import FilteringBoundLogger
 
+from protocol.messages import Refusal, Refusals
+
 MISSES_EVERY_S = 5.0
 
 
-class Refusals:
-    """Refused commands: each robot and reason is logged once, all are counted.
-
-    Attributes:
-        counts: refused commands by reason.
-    """
+class RefusalNotices:
+    """Refused commands: each robot and reason is logged once, all are counted."""
 
     def __init__(self, log: FilteringBoundLogger) -> None:
         self._log = log
-        self._told: set[tuple[str, str]] = set()
-        self.counts: Counter[str] = Counter()
+        self._counts: dict[str, Counter[Refusal]] = {}
 
-    def add(self, robot: str, reason: str, detail: str = "") -> None:
+    @property
+    def counts(self) -> Refusals:
+        """How many were refused, by robot and reason."""
+        return {robot: dict(reasons) for robot, reasons in self._counts.items()}
+
+    def add(self, robot: str, reason: Refusal, detail: str) -> None:
         """A command was refused.
 
         Args:
             robot: whose key it came on.
-            reason: one of few, the same for all commands of this kind.
+            reason: the same for all commands of this kind.
             detail: more about this command.
         """
-        self.counts[reason] += 1
-        if (robot, reason) not in self._told:
-            self._told.add((robot, reason))
+        counts = self._counts.setdefault(robot, Counter())
+        if reason not in counts:
             self._log.warning("command refused", robot=robot, reason=reason, detail=detail)
+        counts[reason] += 1
 
 
 class Misses:

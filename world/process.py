@@ -1,6 +1,7 @@
 """The world's process: a session around a run, and signals that end it."""
 
 import secrets
+from contextlib import closing
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 
@@ -10,8 +11,9 @@ import zenoh
 from protocol.keys import Keys
 from protocol.messages import PublicScene
 from protocol.scenario import Scenario
-from protocol.session import reason_of, world_session
+from protocol.session import SessionSettings, reason_of, receive_on_threads
 from protocol.signals import on_wish_to_end
+from world.access import Access, most_sessions
 from world.bus import Bus
 from world.clock import Clock, LockStep, RealTime
 from world.inbox import Inbox
@@ -43,7 +45,7 @@ class WorldOptions:
     """What a world process is told at its start."""
 
     scenario: Scenario
-    listen: str
+    access: Access
     run: str
     clock: ClockKind
     seed: int
@@ -63,6 +65,7 @@ def run_world(options: WorldOptions) -> ExitStatus:
     the readers of the truth have left, or for ``FAREWELL_S``.
 
     Raises:
+        AccessError: who may connect is not said as it must be.
         EndpointError: the endpoint cannot be opened.
         RobotsMissingError: robots were missing at the start.
     """
@@ -74,13 +77,15 @@ def run_world(options: WorldOptions) -> ExitStatus:
     scene = PublicScene(epoch=epoch, scene=scenario.scene(with_goals=options.exchange_goals))
     inbox = Inbox(world.robots)
     on_wish_to_end(inbox.interrupt)
-    with _open_session(options.listen) as session:
+    settings = options.access.session(keys, world.robots, log)
+    receive_on_threads(most_sessions(world.robots))
+    with _open_session(options.access.listen, settings) as session, closing(inbox):
         bus = Bus(session, keys, scene, world.robots, inbox)
         log.info(
             "world started",
             scenario=scenario.name,
             robots=len(world.robots),
-            listen=options.listen,
+            listen=options.access.listen,
             run=options.run,
             clock=options.clock.value,
             seed=options.seed,
@@ -100,9 +105,9 @@ def _clock(options: WorldOptions) -> Clock:
     return LockStep(options.answer_timeout_s)
 
 
-def _open_session(listen: str) -> zenoh.Session:
+def _open_session(listen: str, settings: SessionSettings) -> zenoh.Session:
     try:
-        return zenoh.open(world_session(listen).to_zenoh())
+        return zenoh.open(settings.to_zenoh())
     except zenoh.ZError as error:
         raise EndpointError(
             f"the endpoint {listen} cannot be opened: {reason_of(error)}. If another world listens there, "

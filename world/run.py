@@ -10,7 +10,7 @@ from protocol.codec import MessageError, decode
 from protocol.messages import Command, Observation, Truth
 from world.clock import Clock
 from world.inbox import Arrivals, Inbox
-from world.notices import Misses, Refusals
+from world.notices import Misses, RefusalNotices
 from world.world import World
 
 
@@ -51,11 +51,12 @@ class Run:
         self._inbox = inbox
         self._bus = bus
         self._log = log
-        self._refusals = Refusals(log)
+        self._refusals = RefusalNotices(log)
         self._misses = Misses(log)
         self._present: frozenset[str] = frozenset()
         self._interrupted = False
         self._awaited: set[str] = set()
+        self._exhausted: frozenset[str] = frozenset()
         self._answers: dict[str, Command] = {}
 
     def wait_for_robots(self, timeout_s: float) -> None:
@@ -94,13 +95,13 @@ class Run:
         while not self._interrupted and not self._world.over:
             self._begin_step()
             self._bus.publish_observations(self._world.observations())
-            self._bus.publish_truth(self._world.truth())
+            self._bus.publish_truth(self._truth())
             self._gather()
             if not self._interrupted:
                 self._misses.add(robot for robot in self._world.robots if robot not in self._answers)
                 self._world.advance(self._answers)
         self._world.interrupt()
-        truth = self._world.truth()
+        truth = self._truth()
         self._bus.publish_truth(truth)
         self._misses.tell()
         self._log.info(
@@ -108,10 +109,13 @@ class Run:
             verdict=truth.verdict,
             step=truth.step,
             time_s=round(truth.time_s, 6),
-            refused_commands=dict(self._refusals.counts),
+            refused_commands=self._refusals.counts,
             overruns=self._clock.overruns,
         )
         return truth
+
+    def _truth(self) -> Truth:
+        return self._world.truth(self._refusals.counts)
 
     def _missing(self, arrivals: Arrivals) -> str:
         return ", ".join(robot for robot in self._world.robots if robot not in arrivals.present)
@@ -123,15 +127,19 @@ class Run:
         """
         self._answers = {}
         self._awaited = set()
+        self._inbox.begin_step()
         self._receive(0.0)
         self._awaited = set(self._present.intersection(self._world.robots))
         self._clock.begin_step()
 
     def _gather(self) -> None:
-        """Collect the step's commands until the clock, or the last awaited answer, ends it."""
+        """Collect the step's commands until the clock, or the last awaited answer, ends it.
+
+        A robot that has said all that it may is not awaited.
+        """
         self._receive(0.0)
         while not self._interrupted and (remaining_s := self._clock.remaining_s()) > 0.0:
-            if self._clock.waits_for_all and self._awaited <= self._answers.keys():
+            if self._clock.waits_for_all and self._awaited <= self._answers.keys() | self._exhausted:
                 return
             self._receive(remaining_s)
 
@@ -139,6 +147,7 @@ class Run:
         arrivals = self._inbox.take(timeout_s)
         self._interrupted = arrivals.interrupted
         self._awaited -= arrivals.gone
+        self._exhausted = arrivals.exhausted
         self._tell_presence(arrivals)
         for robot, payload in arrivals.commands:
             self._judge(robot, payload)
@@ -153,10 +162,6 @@ class Run:
 
     def _judge(self, robot: str, payload: bytes) -> None:
         """Keep the first command that answers the step; refuse what does not."""
-        if robot not in self._world.robots:
-            # Told under one name: whoever invents robots does not fill the log.
-            self._refusals.add("unknown", "robot is not in the scenario", f"robot {robot:.40}")
-            return
         try:
             command = decode(Command, payload)
         except MessageError as error:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from protocol.messages import Command, Observation, State, TrueRobot, Truth
+from protocol.messages import Command, Observation, Refusal, Refusals, State, TrueRobot, Truth
 from protocol.scenario import Scenario
 from protocol.vehicle import STANDSTILL, Input, Limits, braking_input
 from world.physics import Driven, VehicleState, drive
@@ -67,10 +67,8 @@ class World:
         """What each robot's sensors see at the present step; drawn once a step, however often it is read."""
         return self._observations
 
-    def refusal(self, robot: str, command: Command) -> str | None:
+    def refusal(self, robot: str, command: Command) -> Refusal | None:
         """Why a command that came from this robot does not answer the present step, None if it does."""
-        if robot not in self._vehicles:
-            return "robot is not in the scenario"
         if command.robot != robot:
             return "names another robot"
         if command.epoch != self._epoch:
@@ -117,8 +115,12 @@ class World:
         """End a run that goes on; its verdict is "interrupted"."""
         self._referee.interrupt()
 
-    def truth(self) -> Truth:
-        """The true states at the present step and the referee's counts; with the verdict once it is over."""
+    def truth(self, refused: Refusals | None = None) -> Truth:
+        """The true states at the present step and the referee's counts; with the verdict once it is over.
+
+        Args:
+            refused: commands that were not taken so far.
+        """
         referee = self._referee
         return Truth(
             epoch=self._epoch,
@@ -139,6 +141,7 @@ class World:
             minimum_distance_m=referee.minimum_distance_m,
             collisions=referee.collisions,
             verdict=referee.verdict,
+            refused=refused or {},
         )
 
     def _braking(self, vehicle: _Vehicle) -> Input:

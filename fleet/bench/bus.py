@@ -61,6 +61,7 @@ def _row(robots: int, rounds: int, watch: Watch) -> BusRow:
             for step in range(rounds):
                 watch.tell(f"bus: {robots} robots, round {step + 1}")
                 now = {robot: each.model_copy(update={"step": step}) for robot, each in observations.items()}
+                inbox.begin_step()
                 begin_s = time.perf_counter()
                 bus.publish_observations(now)
                 gather(set(now), inbox)

@@ -9,7 +9,7 @@ from agent.inbox import Inbox
 from protocol.codec import encode
 from protocol.keys import Keys
 from protocol.messages import Command
-from protocol.session import robot_session
+from protocol.session import client_session
 from protocol.signals import on_wish_to_end
 
 
@@ -18,7 +18,7 @@ def main() -> None:
     robot, keys = os.environ["UNSPOKEN_ROBOT"], Keys(os.environ["UNSPOKEN_RUN"])
     inbox = Inbox(structlog.get_logger("echo"))
     on_wish_to_end(inbox.close)
-    with zenoh.open(robot_session(os.environ["UNSPOKEN_CONNECT"]).to_zenoh()) as session:
+    with zenoh.open(client_session(os.environ["UNSPOKEN_CONNECT"]).to_zenoh()) as session:
         _poses = session.declare_subscriber(
             keys.pose(robot), lambda sample: inbox.store(sample.payload.to_bytes())
         )

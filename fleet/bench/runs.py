@@ -14,6 +14,7 @@ from fleet.bench.settings import Settings
 from fleet.bench.watch import Watch
 from fleet.experiment import Experiment, prepare
 from fleet.live import run_processes
+from fleet.stream import RefusedMind
 from fleet.summary import Summary, Tally
 from protocol.messages import Truth
 from world.process import ClockKind
@@ -54,7 +55,9 @@ def measure(settings: Settings, watch: Watch) -> Iterator[RunRow]:
     for robots, name in LARGEST.items():
         if robots in settings.robots:
             for clock in ClockKind:
-                experiment = prepare(name, goals="ioc", solver="realtime", clock=clock.value, seed=0)
+                experiment = prepare(
+                    name, goals="ioc", solver="realtime", clock=clock.value, seed=0, policy=True
+                )
                 yield _run(experiment, watch)
             return
 
@@ -67,6 +70,8 @@ def _run(experiment: Experiment, watch: Watch) -> RunRow:
         stream = run_processes(experiment, Path(directory) / "logs", watch.interruption)
         with closing(stream):  # type: ignore[type-var]  # a generator, whose closing ends the processes
             for item in stream:
+                if isinstance(item, RefusedMind):
+                    continue
                 tally.add(item.message)
                 if isinstance(item.message, Truth):
                     watch.tell(f"{what}, step {item.message.step}")

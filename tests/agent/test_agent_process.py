@@ -110,7 +110,7 @@ def test_a_decision_that_a_newer_pose_has_overtaken_is_thought_but_not_commanded
         monkeypatch.setattr("agent.process.compile_in_background", lambda **_: False)
         goal = Goal(x_m=4.0, y_m=0.0, heading_rad=0.0)
         options = RobotOptions(
-            "a", goal, endpoint, KEYS.run, goals="ioc", solver="reference", iterations=1, budget_s=None
+            "a", goal, endpoint, None, KEYS.run, goals="ioc", solver="reference", iterations=1, budget_s=None
         )
         robot = RobotProcess(options)
         runs = threading.Thread(target=robot.run)

@@ -72,7 +72,7 @@ def true_robot(**changes: object) -> TrueRobot:
 
 def truth(step: int, robots: Mapping[str, Mapping[str, object]], **changes: object) -> Truth:
     """A truth at steps of 0.1 s in which each robot differs from a standing one as given."""
-    plain = {"minimum_distance_m": 1.5, "collisions": (), "verdict": None}
+    plain = {"minimum_distance_m": 1.5, "collisions": (), "verdict": None, "refused": {}}
     states = {name: true_robot(**robot) for name, robot in robots.items()}
     return Truth(epoch=EPOCH, step=step, time_s=0.1 * step, robots=states, **(plain | changes))
 

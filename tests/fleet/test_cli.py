@@ -21,6 +21,8 @@ ENVIRONMENT = {
     "world": (
         "scenario",
         "listen",
+        "users",
+        "insecure",
         "run",
         "clock",
         "seed",
@@ -28,7 +30,17 @@ ENVIRONMENT = {
         "start-timeout",
         "answer-timeout",
     ),
-    "agent": ("robot", "goal", "connect", "run", "goals", "solver", "iterations", "budget-ms"),
+    "agent": (
+        "robot",
+        "goal",
+        "connect",
+        "password-file",
+        "run",
+        "goals",
+        "solver",
+        "iterations",
+        "budget-ms",
+    ),
 }
 BLIND = {"dropout": 1.0}
 HEAD_ON = [

@@ -9,6 +9,7 @@ import pytest
 
 from fleet.facts import RunFacts
 from fleet.recording import Recorder, read_recording
+from fleet.stream import RefusedMind
 from fleet.summary import Summary, Tally
 from protocol.messages import Message
 
@@ -66,6 +67,7 @@ def test_the_summary_counts_a_run_exactly(facts: RunFacts, crossing: list[Messag
         "solver_failures": 3,
         "deadline_misses": 5,
         "clipped_commands": 4,
+        "refused": {},
         "robots": [
             {"id": "a", "arrived_s": 0.1, "driven_m": 1.5, "solver_failures": 0, "deadline_misses": 2},
             {"id": "b", "arrived_s": 0.2, "driven_m": 2.5, "solver_failures": 3, "deadline_misses": 3},
@@ -75,6 +77,23 @@ def test_the_summary_counts_a_run_exactly(facts: RunFacts, crossing: list[Messag
     assert phases["plan"] == pytest.approx({"p50": 20.0, "p99": 39.6, "max": 40.0})
     assert phases["decide"] == pytest.approx({"p50": 18.0, "p99": 49.22, "max": 50.0})
     assert phases["predict"] == {"p50": None, "p99": None, "max": None}
+
+
+def test_what_was_refused_is_counted_by_robot_and_reason(facts: RunFacts, make_truth: Any) -> None:
+    tally = Tally()
+    tally.add(make_truth(0, {"a": {}, "b": {}}, refused={"a": {"not a valid message": 2}}))
+    tally.add(make_truth(1, {"a": {}, "b": {}}, refused={"a": {"not a valid message": 5}}))
+    for refused in (
+        RefusedMind("a", "not a valid message"),
+        RefusedMind("b", "answers a step again"),
+        RefusedMind("b", "answers a step again"),
+        RefusedMind("b", "too many at once", 7),
+    ):
+        tally.refuse(refused)
+    assert tally.summary(facts).refused == {
+        "a": {"not a valid message": 5, "mind: not a valid message": 1},
+        "b": {"mind: answers a step again": 2, "mind: too many at once": 7},
+    }
 
 
 def test_there_is_no_duration_unless_all_arrived(facts: RunFacts, make_truth: Any) -> None:

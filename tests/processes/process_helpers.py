@@ -16,9 +16,10 @@ import zenoh
 
 from fleet.recording import read_recording
 from protocol.codec import decode
-from protocol.keys import Keys
+from protocol.keys import BENCH_NAME, Keys
 from protocol.messages import Message, Truth
-from protocol.session import bench_session
+from protocol.passwords import Login
+from protocol.session import client_session
 from scenarios import find
 
 PATIENCE_S = 120.0
@@ -187,19 +188,30 @@ class Bench(Process):
         until(lambda: text in self.log(name) or not self.running, f"{text} in the log of {name}")
         assert text in self.log(name), self.complained
 
-    def reach(self, step: int) -> None:
-        """Wait until the world has published this step."""
+    def keys(self) -> Keys:
+        """The keys of its run, once its world is there."""
+        self.logs("world", "waiting for robots")
+        [run] = re.findall(r"run=(\S+)", self.log("world"))
+        return Keys(run)
+
+    def listening(self, name: str = BENCH_NAME) -> zenoh.Session:
+        """A session of its world with the name and the password of one of its participants."""
         self.logs("world", "waiting for robots")
         [endpoint] = re.findall(r"listen=(\S+)", self.log("world"))
-        [run] = re.findall(r"run=(\S+)", self.log("world"))
+        users = Path(endpoint.removeprefix("unixsock-stream/")).with_name("users")
+        passwords = dict(line.split(":") for line in users.read_text(encoding="utf-8").splitlines())
+        return zenoh.open(client_session(endpoint, Login(name, passwords[name])).to_zenoh())
+
+    def reach(self, step: int) -> None:
+        """Wait until the world has published this step."""
         reached = threading.Event()
 
         def look(sample: zenoh.Sample) -> None:
             if decode(Truth, sample.payload.to_bytes()).step >= step:
                 reached.set()
 
-        with zenoh.open(bench_session(endpoint).to_zenoh()) as session:
-            _truths = session.declare_subscriber(Keys(run).truth, look)
+        with self.listening() as session:
+            _truths = session.declare_subscriber(self.keys().truth, look)
             assert reached.wait(PATIENCE_S), f"step {step} was not reached"
 
     def pid(self, module: str, robot: str | None = None) -> int:

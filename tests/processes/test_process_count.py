@@ -28,6 +28,7 @@ def test_no_command_line_tells_a_goal_and_no_process_knows_that_of_another(tmp_p
         own = {"UNSPOKEN_ROBOT", "UNSPOKEN_GOAL", "UNSPOKEN_CONNECT", "UNSPOKEN_RUN"}
         assert {name for name in env if name.startswith("UNSPOKEN_")} == own | {
             "UNSPOKEN_GOALS",
+            "UNSPOKEN_PASSWORD_FILE",
             "UNSPOKEN_ITERATIONS",
             "UNSPOKEN_SOLVER",
         }, robot

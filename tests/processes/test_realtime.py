@@ -8,14 +8,11 @@ import signal
 from queue import SimpleQueue
 
 import pytest
-import zenoh
 from mcap.reader import make_reader
 from process_helpers import PATIENCE_S, SHORT_SIGHTED, bundled_with, lanes, recorded, write_scenario
 
 from protocol.codec import decode
-from protocol.keys import Keys
 from protocol.messages import Command, Truth
-from protocol.session import bench_session
 from protocol.vehicle import Input, Limits, braking_input
 
 
@@ -42,8 +39,6 @@ def hold_up(run, robot, step):
         The process id, and the step that it has answered last.
     """
     run.logs("world", "all robots present")
-    [endpoint] = re.findall(r"listen=(\S+)", run.log("world"))
-    [name] = re.findall(r"run=(\S+)", run.log("world"))
     pid, last = run.pid("agent", robot), SimpleQueue()
 
     def look(sample):
@@ -52,8 +47,8 @@ def hold_up(run, robot, step):
             os.kill(pid, signal.SIGSTOP)
             last.put(answered)
 
-    with zenoh.open(bench_session(endpoint).to_zenoh()) as session:
-        _commands = session.declare_subscriber(Keys(name).command(robot), look)
+    with run.listening() as session:
+        _commands = session.declare_subscriber(run.keys().command(robot), look)
         answered = last.get(timeout=PATIENCE_S)
     return pid, answered
 

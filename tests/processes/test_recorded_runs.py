@@ -88,6 +88,7 @@ def test_a_run_leaves_its_summary_recording_picture_and_logs(out):
         "solver_failures": 0,
         "deadline_misses": 0,
         "clipped_commands": 0,
+        "refused": {},
     }
     assert [robot["id"] for robot in robots] == list(ROBOTS)
     for robot in robots:

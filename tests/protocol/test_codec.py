@@ -2,21 +2,23 @@
 
 import math
 import tracemalloc
-from typing import Any
+from typing import Any, get_args
 
 import msgpack
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.codec import MAX_ITEMS, MAX_PAYLOAD_BYTES, MessageError, decode, encode
+from protocol.codec import MAX_ITEMS, MessageError, decode, encode
 from protocol.messages import (
+    MAX_PAYLOAD_BYTES,
     Accuracy,
     Command,
     Message,
     Mind,
     Observation,
     PublicScene,
+    Refusal,
     State,
     Timings,
     TrueRobot,
@@ -116,6 +118,9 @@ MESSAGES = st.one_of(
         ),
         minimum_distance_m=st.none() | NOT_NEGATIVE,
         collisions=st.lists(st.tuples(NAMES, NAMES), max_size=4).map(tuple),
+        refused=st.dictionaries(
+            NAMES, st.dictionaries(st.sampled_from(get_args(Refusal)), COUNTS, max_size=3), max_size=3
+        ),
         verdict=st.sampled_from([None, "arrived", "collision", "deadlock", "timeout", "interrupted"]),
     ),
     st.builds(
@@ -238,7 +243,7 @@ def test_a_message_of_one_kind_is_no_message_of_another(message: Message, kind: 
 def test_deep_nesting_is_refused(field: str, depth: int) -> None:
     inside = packed(field) + b"\x91" * depth + b"\x01"
     version = packed("schema_version") + b"\x01"
-    told = refusal(Command, b"\x81" + inside if field == "schema_version" else b"\x82" + version + inside)
+    told = refusal(Mind, b"\x81" + inside if field == "schema_version" else b"\x82" + version + inside)
     assert "nested deeper than 8 levels" in told or "not readable as msgpack: StackError" in told
 
 
@@ -260,12 +265,14 @@ def test_a_huge_declared_length_is_refused_before_memory_is_taken_for_it(header:
 
 
 def test_too_many_items_and_too_many_bytes_are_refused() -> None:
-    assert "exceeds max_array_len" in refusal(Command, packed({"step": [0] * (MAX_ITEMS + 1)}))
+    assert "exceeds max_array_len" in refusal(Mind, packed({"step": [0] * (MAX_ITEMS + 1)}))
     many = {str(n): 0 for n in range(MAX_ITEMS + 1)}
-    assert "exceeds max_map_len" in refusal(Command, packed({"step": many}))
-    assert refusal(Command, bytes(MAX_PAYLOAD_BYTES + 1)) == (
-        f"Command: {MAX_PAYLOAD_BYTES + 1} bytes, at most {MAX_PAYLOAD_BYTES} are allowed"
-    )
+    assert "exceeds max_map_len" in refusal(Mind, packed({"step": many}))
+    for kind in KINDS:
+        most = kind.MAX_BYTES
+        told = refusal(kind, bytes(most + 1))
+        assert told == f"{kind.__name__}: {most + 1} bytes, at most {most} are allowed"
+    assert Command.MAX_BYTES < 2000 < Mind.MAX_BYTES == MAX_PAYLOAD_BYTES
 
 
 def test_a_message_that_no_reader_would_accept_is_not_sent() -> None:
@@ -288,7 +295,7 @@ def test_a_message_that_no_reader_would_accept_is_not_sent() -> None:
     assert decode(Mind, encode(half)) == half
 
 
-@pytest.mark.parametrize("version", [0, 2, 1.0, True, "1", None, [1] * 1000, {"1": 1}])
+@pytest.mark.parametrize("version", [0, 2, 1.0, True, "1", None, [1] * 500, {"1": 1}])
 def test_another_schema_version_is_refused(version: Any) -> None:
     told = refusal(Command, packed({**COMMAND, "schema_version": version}))
     assert told.startswith("Command: schema_version: ")

@@ -43,7 +43,6 @@ def test_the_keys_are_these() -> None:
         "scene": "unspoken/run-1/scene",
         "truth": "unspoken/run-1/truth",
     }
-    assert KEYS.every_command == "unspoken/run-1/command/*"
     assert KEYS.everyone_alive == "unspoken/run-1/alive/*"
     assert KEYS.everything == "unspoken/run-1/**"
 
@@ -77,8 +76,7 @@ def reached(subscription: str) -> set[str]:
     }
 
 
-def test_the_worlds_subscriptions_reach_each_robot_and_nothing_else() -> None:
-    assert reached(KEYS.every_command) == {"command", "command of b"}
+def test_the_worlds_subscription_reaches_the_presence_of_each_robot_and_nothing_else() -> None:
     assert reached(KEYS.everyone_alive) == {"alive", "alive of b"}
 
 

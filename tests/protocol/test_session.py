@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 import zenoh
 
-from protocol.codec import MAX_PAYLOAD_BYTES
-from protocol.session import bench_session, robot_session, world_session
+from protocol.messages import MAX_PAYLOAD_BYTES
+from protocol.session import client_session, world_session
 
 PATIENCE_S = 60
 """Ends a test that would otherwise wait for ever; nothing is asserted about times."""
@@ -46,7 +46,7 @@ EVERYWHERE = {
 }
 
 
-@pytest.mark.parametrize("session", [world_session, robot_session, bench_session])
+@pytest.mark.parametrize("session", [world_session, client_session])
 @pytest.mark.parametrize(("key", "value"), EVERYWHERE.items())
 def test_zenoh_reads_the_measured_settings(session: Any, key: str, value: Any) -> None:
     assert read_back(session(TCP).to_zenoh(), key) == value
@@ -59,9 +59,8 @@ def test_the_world_is_a_router_that_listens_and_connects_to_nobody() -> None:
     assert read_back(config, "connect/endpoints") == []
 
 
-@pytest.mark.parametrize("session", [robot_session, bench_session])
-def test_robots_and_bench_are_clients_that_wait_for_the_world_and_listen_nowhere(session: Any) -> None:
-    config = session(TCP).to_zenoh()
+def test_robots_and_bench_are_clients_that_wait_for_the_world_and_listen_nowhere() -> None:
+    config = client_session(TCP).to_zenoh()
     assert read_back(config, "mode") == "client"
     assert read_back(config, "connect/endpoints") == [TCP]
     assert read_back(config, "listen/endpoints") == []
@@ -76,7 +75,7 @@ def test_robots_and_bench_are_clients_that_wait_for_the_world_and_listen_nowhere
 
 def test_an_endpoint_that_is_none_is_refused() -> None:
     with pytest.raises(zenoh.ZError):
-        robot_session("nowhere").to_zenoh()
+        client_session("nowhere").to_zenoh()
 
 
 class Listener:
@@ -99,7 +98,7 @@ def wait_for_a_listener(publisher: zenoh.Publisher) -> None:
 def test_a_robot_that_was_there_first_hears_the_world_that_comes_later(endpoint: str) -> None:
     def wait_for_the_world_and_listen() -> int:
         opening.set()
-        with zenoh.open(robot_session(endpoint).to_zenoh()) as robot:
+        with zenoh.open(client_session(endpoint).to_zenoh()) as robot:
             return Listener(robot).next_size()
 
     opening = threading.Event()
@@ -116,7 +115,7 @@ def test_a_robot_that_was_there_first_hears_the_world_that_comes_later(endpoint:
 def test_the_largest_payload_passes_both_ways_and_a_larger_one_is_dropped(endpoint: str) -> None:
     with (
         zenoh.open(world_session(endpoint).to_zenoh()) as world,
-        zenoh.open(robot_session(endpoint).to_zenoh()) as robot,
+        zenoh.open(client_session(endpoint).to_zenoh()) as robot,
     ):
         for sender, receiver in ((world, robot), (robot, world)):
             listener = Listener(receiver)
@@ -131,8 +130,8 @@ def test_the_largest_payload_passes_both_ways_and_a_larger_one_is_dropped(endpoi
 def test_robots_and_bench_are_linked_to_the_world_and_to_nobody_else(endpoint: str) -> None:
     with (
         zenoh.open(world_session(endpoint).to_zenoh()) as world,
-        zenoh.open(robot_session(endpoint).to_zenoh()) as robot,
-        zenoh.open(bench_session(endpoint).to_zenoh()) as bench,
+        zenoh.open(client_session(endpoint).to_zenoh()) as robot,
+        zenoh.open(client_session(endpoint).to_zenoh()) as bench,
     ):
         for client in (robot, bench):
             assert client.info.routers_zid() == [world.info.zid()]

@@ -12,7 +12,7 @@ from world_processes import KEYS, PATIENCE_S
 from protocol.codec import decode
 from protocol.messages import Observation, PublicScene
 from protocol.scenario import Sensing
-from protocol.session import robot_session, world_session
+from protocol.session import client_session, world_session
 from world.bus import Bus
 from world.inbox import Inbox
 from world.world import World
@@ -25,7 +25,7 @@ def sessions():
     endpoint = f"unixsock-stream/{folder}/s"
     with (
         zenoh.open(world_session(endpoint).to_zenoh()) as world,
-        zenoh.open(robot_session(endpoint).to_zenoh()) as robot,
+        zenoh.open(client_session(endpoint).to_zenoh()) as robot,
     ):
         yield world, robot
     shutil.rmtree(folder)

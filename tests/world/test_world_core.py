@@ -192,7 +192,6 @@ def test_a_refusal_says_what_is_wrong_with_a_command():
     assert "epoch" in (world.refusal("2", INVALID["of another epoch"]) or "")
     assert "step" in (world.refusal("2", INVALID["of the step before"]) or "")
     assert "another robot" in (world.refusal("2", INVALID["of another robot"]) or "")
-    assert "scenario" in (world.refusal("9", command("9", 10)) or "")
 
 
 @pytest.mark.parametrize("acceleration", [1.0, -1.0])

@@ -2,7 +2,7 @@ import threading
 
 import pytest
 
-from world.inbox import PENDING_COMMANDS, Inbox
+from world.inbox import COMMANDS_A_STEP, Inbox
 
 
 def test_commands_are_taken_once_and_in_their_order():
@@ -15,16 +15,43 @@ def test_commands_are_taken_once_and_in_their_order():
     assert inbox.take(0.0).commands == ()
 
 
-@pytest.mark.parametrize("flooder", ["2", "9"])
-def test_a_flood_is_bounded_and_pushes_out_no_other_robots_command(flooder):
+def flooding(inbox, robot, count):
+    """A thread that gives so many commands."""
+    thread = threading.Thread(target=lambda: [inbox.store_command(robot, b"") for _ in range(count)])
+    thread.start()
+    return thread
+
+
+def wait_for_commands(inbox, count):
+    commands = []
+    while len(commands) < count:
+        commands += inbox.take(250.0).commands
+    return commands
+
+
+def test_a_flooding_robot_waits_for_the_next_step_and_nothing_it_said_is_lost():
     inbox = Inbox(["1", "2"])
-    inbox.store_command("1", b"mine")
-    for number in range(10 * PENDING_COMMANDS):
-        inbox.store_command(flooder, str(number).encode())
-    commands = inbox.take(0.0).commands
-    assert len(commands) == 1 + PENDING_COMMANDS
-    assert ("1", b"mine") in commands
-    assert commands[-1] == (flooder, str(10 * PENDING_COMMANDS - 1).encode())
+    thread = flooding(inbox, "2", 2 * COMMANDS_A_STEP + 1)
+    assert len(wait_for_commands(inbox, COMMANDS_A_STEP)) == COMMANDS_A_STEP
+    assert inbox.take(0.05).commands == ()
+    assert inbox.take(0.0).exhausted == {"2"}
+    inbox.store_command("1", b"mine")  # another robot's callback is not held up
+    assert inbox.take(250.0).commands == (("1", b"mine"),)
+    inbox.begin_step()
+    assert len(wait_for_commands(inbox, COMMANDS_A_STEP)) == COMMANDS_A_STEP
+    inbox.begin_step()
+    assert len(wait_for_commands(inbox, 1)) == 1
+    assert inbox.take(0.0).exhausted == frozenset()
+    thread.join()
+
+
+def test_who_waits_to_give_a_command_is_released_at_the_end():
+    inbox = Inbox(["1"])
+    thread = flooding(inbox, "1", 3 * COMMANDS_A_STEP)
+    wait_for_commands(inbox, COMMANDS_A_STEP)
+    inbox.close()
+    thread.join()
+    assert inbox.take(0.0).commands == ()
 
 
 def test_presence_lasts_and_a_departure_is_told_once_even_if_the_robot_is_back():
@@ -69,4 +96,4 @@ def test_an_interrupted_inbox_never_waits_again():
 
 def test_without_news_the_hands_stay_empty():
     arrivals = Inbox(["1"]).take(0.01)
-    assert arrivals == ((), frozenset(), frozenset(), False)
+    assert arrivals == ((), frozenset(), frozenset(), frozenset(), False)

@@ -7,7 +7,7 @@ from world_helpers import EPOCH, SPRINT_STEPS, command, lanes, sprint
 
 from protocol.codec import encode
 from world.clock import LockStep, RealTime
-from world.inbox import Inbox
+from world.inbox import COMMANDS_A_STEP, Inbox
 from world.notices import MISSES_EVERY_S, Misses
 from world.run import RobotsMissingError, Run
 from world.world import World
@@ -188,7 +188,7 @@ def test_refused_commands_are_logged_once_for_each_robot_and_reason_and_counted(
     stage = Stage()
 
     def nonsense():
-        for robot in ("1", "2", "7", "8"):
+        for robot in ("1", "2"):
             for _ in range(3):
                 stage.inbox.store_command(robot, b"\xc1")
 
@@ -201,13 +201,26 @@ def test_refused_commands_are_logged_once_for_each_robot_and_reason_and_counted(
     assert sorted(refused) == [
         ("1", "not a valid message"),
         ("2", "not a valid message"),
-        ("unknown", "robot is not in the scenario"),
     ]
     (end,) = (entry for entry in log if entry["event"] == "run ended")
-    assert end["refused_commands"] == {
-        "not a valid message": 2 * 3 * SPRINT_STEPS,
-        "robot is not in the scenario": 2 * 3 * SPRINT_STEPS,
-    }
+    counted = {robot: {"not a valid message": 3 * SPRINT_STEPS} for robot in ("1", "2")}
+    assert end["refused_commands"] == stage.bus.truths[-1].refused == counted
+
+
+def test_a_robot_that_says_too_much_is_not_awaited_and_holds_up_nobody():
+    stage = Stage(time_limit_s=0.5)
+
+    def flood():
+        for _ in range(COMMANDS_A_STEP):
+            stage.inbox.store_command("2", b"\xc1")
+
+    stage.bus.silent = {"2"}
+    for step in range(5):
+        stage.bus.at_step[step] = flood
+    assert stage.drive().verdict == "timeout"
+    assert stage.now() == 0.0
+    assert stage.misses() == {"1": 0, "2": 5}
+    assert stage.bus.truths[-1].refused == {"2": {"not a valid message": 5 * COMMANDS_A_STEP}}
 
 
 @pytest.mark.parametrize("real_time", [False, True])

@@ -11,7 +11,7 @@ from world_helpers import command, sprint
 from protocol.codec import decode, encode
 from protocol.keys import Keys
 from protocol.messages import Observation, Truth
-from protocol.session import robot_session
+from protocol.session import client_session
 
 PATIENCE_S = 60.0
 """How long a test waits for what should come; only reached when it fails."""
@@ -20,7 +20,7 @@ KEYS = Keys("run")
 
 def connect(endpoint):
     """A client's session that gives up when no world comes: a failing test must not hang."""
-    settings = robot_session(endpoint)
+    settings = client_session(endpoint)
     patient = settings.connect.model_copy(
         update={"timeout_ms": int(PATIENCE_S * 1000), "exit_on_failure": True}
     )
