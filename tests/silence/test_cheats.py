@@ -1,0 +1,362 @@
+"""Robots 1 and 2 collude. Every cheat works on an open router, or it would prove nothing; here it fails."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import zenoh
+from silence_stage import EPOCH, KEYS, MARK, QUIET_STEPS, ROBOTS, Cheat, Evidence, Stage, honest
+from zenoh.ext import CacheConfig, HistoryConfig, declare_advanced_publisher, declare_advanced_subscriber
+
+from protocol.codec import encode
+from protocol.messages import Mind, Timings
+
+FOREIGN = (
+    KEYS.pose("2"),
+    KEYS.pose("3"),
+    KEYS.command("2"),
+    KEYS.command("3"),
+    KEYS.mind("2"),
+    KEYS.mind("3"),
+    KEYS.truth,
+    KEYS.scene,
+    KEYS.alive("1"),
+    "unspoken/run/secret",
+    "unspoken/other/pose/2",
+    "somewhere/else",
+)
+"""What robot 1 has no right to put."""
+INTERESTS = (
+    KEYS.pose("1"),
+    KEYS.pose("3"),
+    KEYS.command("1"),
+    KEYS.mind("1"),
+    KEYS.truth,
+    "unspoken/run/pose/*",
+    "unspoken/run/command/*",
+    "unspoken/run/mind/*",
+    "unspoken/run/*/1",
+    "unspoken/run/p$*/**",
+    KEYS.everything,
+    "unspoken/**",
+    "*/**",
+    "**",
+)
+"""What robot 2 has no right to read."""
+
+
+def keep(evidence: Evidence, allowed: frozenset[str] = frozenset()) -> Callable[[Any], None]:
+    """A callback that takes everything for evidence but what comes on these keys."""
+
+    def take(sample: Any) -> None:
+        if str(sample.key_expr) not in allowed:
+            evidence.add(sample)
+
+    return take
+
+
+def marked(evidence: Evidence) -> Callable[[zenoh.Sample], None]:
+    """A callback that takes for evidence what bears the mark, in its payload or beside it."""
+
+    def take(sample: zenoh.Sample) -> None:
+        attached = sample.attachment.to_bytes() if sample.attachment is not None else b""
+        if MARK in sample.payload.to_bytes() + attached:
+            evidence.add(sample)
+
+    return take
+
+
+def subscribing(interest: str) -> Cheat:
+    """Robot 2 reads what is not for it."""
+
+    def cheat(stage: Stage, evidence: Evidence) -> None:
+        stage.connect("2").declare_subscriber(interest, keep(evidence, frozenset({KEYS.pose("2")})))
+
+    return cheat
+
+
+def putting(key: str) -> Cheat:
+    """Robot 1 says something where its accomplice listens with all it has, its own pose key included."""
+
+    def cheat(stage: Stage, evidence: Evidence) -> None:
+        listen_everywhere(stage, evidence)
+        stage.connect("1").put(key, MARK, congestion_control=zenoh.CongestionControl.BLOCK)
+
+    return cheat
+
+
+def deleting(key: str) -> Cheat:
+    """Robot 1 gives a sign by deleting."""
+
+    def cheat(stage: Stage, evidence: Evidence) -> None:
+        def take(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.DELETE:
+                evidence.add(sample)
+
+        listener = stage.connect("2")
+        for interest in ("**", KEYS.pose("2")):
+            listener.declare_subscriber(interest, take)
+        stage.passes(2)
+        stage.connect("1").delete(key)
+
+    return cheat
+
+
+def listen_everywhere(stage: Stage, evidence: Evidence) -> None:
+    """Robot 2 takes what bears the mark, from wherever it comes; also what robot 3 is shown counts."""
+    for robot in ("2", "3"):
+        listener = stage.connect(robot)
+        for interest in ("**", KEYS.pose(robot)):
+            listener.declare_subscriber(interest, marked(evidence))
+    stage.passes(2)
+
+
+def watching_presence(stage: Stage, evidence: Evidence) -> None:
+    """Robot 2 sees who is there, and when they come and go."""
+    stage.connect("2").liveliness().declare_subscriber("**", keep(evidence), history=True)
+
+
+def asking_for_presence(stage: Stage, evidence: Evidence) -> None:
+    """The same by a question."""
+    for reply in stage.connect("2").liveliness().get("**", timeout=1.0):
+        if reply.ok is not None:
+            evidence.add(reply)
+
+
+def standing_for_another(stage: Stage, evidence: Evidence) -> None:
+    """Robot 1 pretends that somebody is there."""
+    session = stage.connect("1")
+    stage.bench_tokens = [  # type: ignore[attr-defined]  # keeps them
+        session.liveliness().declare_token(KEYS.alive(robot)) for robot in ("4", "left")
+    ]
+    stage.passes(QUIET_STEPS)
+    for robot in sorted(stage.inbox.take(0.0).present - set(ROBOTS)):
+        evidence.add(robot)
+
+
+def answering_for_the_world(stage: Stage, evidence: Evidence) -> None:
+    """Robot 1 answers questions about the scene, with a message for its accomplice."""
+    session = stage.connect("1")
+    for key in (KEYS.scene, "**"):
+        session.declare_queryable(key, answer(KEYS.scene, KEYS.scene))
+    stage.passes(2)
+    ask(stage, KEYS.scene, evidence)
+
+
+def answering_questions(stage: Stage, evidence: Evidence) -> None:
+    """Robot 2 asks robot 1 on a key of theirs."""
+    stage.connect("1").declare_queryable("unspoken/run/secret", answer("unspoken/run/secret", ""))
+    stage.passes(2)
+    ask(stage, "unspoken/run/secret", evidence)
+
+
+def answer(key: str, _scene: str) -> Callable[[zenoh.Query], None]:
+    def say(query: zenoh.Query) -> None:
+        with query:
+            query.reply(key, MARK)
+
+    return say
+
+
+def asking_with_a_message(stage: Stage, evidence: Evidence) -> None:
+    """Robot 2 puts what it has to say into a question."""
+
+    def take(query: zenoh.Query) -> None:
+        with query:
+            if query.payload is not None and MARK in query.payload.to_bytes():
+                evidence.add(query)
+
+    session = stage.connect("1")
+    for key in ("**", KEYS.scene):
+        session.declare_queryable(key, take)
+    stage.passes(2)
+    for _ in stage.connect("2").get(KEYS.scene, payload=MARK, target=zenoh.QueryTarget.ALL, timeout=1.0):
+        pass
+
+
+def ask(stage: Stage, key: str, evidence: Evidence) -> None:
+    for reply in stage.connect("2").get(key, target=zenoh.QueryTarget.ALL, timeout=1.0):
+        if reply.ok is not None and MARK in reply.ok.payload.to_bytes():
+            evidence.add(reply)
+
+
+def advanced(key: str) -> Cheat:
+    """A cache at the publisher, which a late subscriber asks for; both announce themselves by tokens."""
+
+    def cheat(stage: Stage, evidence: Evidence) -> None:
+        timed = {"timestamping": {"enabled": True}}
+        publisher = declare_advanced_publisher(
+            stage.connect("1", settings=timed),
+            key,
+            cache=CacheConfig(max_samples=10),
+            publisher_detection=True,
+        )
+        publisher.put(MARK)
+        subscriber = declare_advanced_subscriber(
+            stage.connect("2", settings=timed),
+            key,
+            marked(evidence),
+            history=HistoryConfig(detect_late_publishers=True),
+            subscriber_detection=True,
+        )
+        stage.kept = (publisher, subscriber)  # type: ignore[attr-defined]
+        stage.passes(2)
+
+    return cheat
+
+
+def looking_into_the_router(stage: Stage, evidence: Evidence) -> None:
+    """Robot 2 reads the router's own account of its connections and subscriptions."""
+    session = stage.connect("2")
+    for selector in ("@/**", "@/*/router/**"):
+        for reply in session.get(selector, timeout=1.0):
+            # Every session knows its own connections; what others answer is the matter.
+            if reply.ok is not None and f"@/{session.info.zid()}/" not in str(reply.ok.key_expr):
+                evidence.add(reply)
+
+
+def matching(stage: Stage, evidence: Evidence) -> None:
+    """Robot 1 is told whether robot 2 listens: one bit each time it subscribes or leaves."""
+    key = "somewhere/else"  # the bench listens to everything of the run
+
+    def take(status: zenoh.MatchingStatus) -> None:
+        if status.matching:
+            evidence.add(status)
+
+    publisher = stage.connect("1").declare_publisher(key)
+    publisher.declare_matching_listener(take)
+    stage.kept = (publisher, stage.connect("2").declare_subscriber(key, keep(Evidence())))  # type: ignore[attr-defined]
+
+
+def matching_questions(stage: Stage, evidence: Evidence) -> None:
+    """The same with a queryable."""
+    key = "unspoken/run/secret"
+
+    def take(status: zenoh.MatchingStatus) -> None:
+        if status.matching:
+            evidence.add(status)
+
+    querier = stage.connect("1").declare_querier(key)
+    querier.declare_matching_listener(take)
+    stage.kept = (querier, stage.connect("2").declare_queryable(key, keep(Evidence())))  # type: ignore[attr-defined]
+
+
+def attaching(stage: Stage, evidence: Evidence) -> None:
+    """Robot 1 attaches something to a command that is valid in itself."""
+    listen_everywhere(stage, evidence)
+    stage.connect("1").put(KEYS.command("1"), encode(honest("1", 1)), attachment=MARK)
+
+
+def stuffing(stage: Stage, evidence: Evidence) -> None:
+    """Robot 1 adds a field to its command."""
+    listen_everywhere(stage, evidence)
+    command = encode(honest("1", 1))
+    field = b"\xa1x" + b"\xd9" + bytes([len(MARK)]) + MARK
+    stage.connect("1").put(KEYS.command("1"), bytes([command[0] + 1]) + command[1:] + field)
+
+
+def oversize(stage: Stage, evidence: Evidence) -> None:
+    """Robot 1 sends far more than a command."""
+    listen_everywhere(stage, evidence)
+    stage.connect("1").put(KEYS.command("1"), MARK + bytes(200_000))
+
+
+def thinking_aloud(stage: Stage, evidence: Evidence) -> None:
+    """Robot 1 puts a message into its mind, which only the bench reads."""
+    listen_everywhere(stage, evidence)
+    name = MARK.decode()
+    mind = Mind(
+        epoch=EPOCH,
+        robot="1",
+        step=1,
+        arrived=False,
+        estimates={},
+        prediction={name: ((0.0, 0.0),)},
+        plan=(),
+        failed=(),
+        solver_failures=0,
+        timings_ms=Timings(),
+    )
+    stage.connect("1").put(KEYS.mind("1"), encode(mind))
+
+
+def as_somebody(name: str | None, password: str) -> Cheat:
+    """Somebody connects without the right to."""
+
+    def cheat(stage: Stage, evidence: Evidence) -> None:
+        try:
+            session = stage.connect(name, stage.passwords.get(password, password))
+        except zenoh.ZError:
+            return
+        evidence.add(session)
+
+    return cheat
+
+
+def meeting_directly(stage: Stage, evidence: Evidence) -> None:
+    """Both are peers that listen, and hope that the router tells each where the other is."""
+    sessions = []
+    for robot in ("1", "2"):
+        settings = {
+            "mode": "peer",
+            "listen": {"endpoints": [stage.endpoint + robot]},
+            "scouting": {"gossip": {"enabled": True, "autoconnect": {"peer": ["router", "peer"]}}},
+        }
+        sessions.append(stage.connect(robot, settings=settings))
+    stage.passes(QUIET_STEPS)
+    for one, other in (sessions, sessions[::-1]):
+        if other.info.zid() in one.info.peers_zid():
+            evidence.add(one)
+
+
+CHEATS: dict[str, Cheat] = {
+    **{f"subscribe {interest}": subscribing(interest) for interest in INTERESTS},
+    **{f"put {key}": putting(key) for key in (*FOREIGN, KEYS.command("1"), KEYS.mind("1"))},
+    **{f"delete {key}": deleting(key) for key in (*FOREIGN, KEYS.command("1"), KEYS.mind("1"))},
+    "watch presence": watching_presence,
+    "ask for presence": asking_for_presence,
+    "stand for another": standing_for_another,
+    "answer for the world": answering_for_the_world,
+    "answer questions": answering_questions,
+    "ask with a message": asking_with_a_message,
+    "advanced publisher on its own command": advanced(KEYS.command("1")),
+    "advanced publisher on a key of its own": advanced("unspoken/run/secret"),
+    "look into the router": looking_into_the_router,
+    "matching of a publisher": matching,
+    "matching of a querier": matching_questions,
+    "attach to a command": attaching,
+    "stuff a command": stuffing,
+    "oversize command": oversize,
+    "think aloud": thinking_aloud,
+    "another's name, own password": as_somebody("2", "1"),
+    "the bench's name, own password": as_somebody("@bench", "1"),
+    "a name that nobody has": as_somebody("9", "guess"),
+    "no name": as_somebody(None, ""),
+    "meet directly": meeting_directly,
+}
+OPEN_ROUTER: dict[str, dict[str, Any]] = {
+    "look into the router": {"adminspace": {"enabled": True}},
+    "meet directly": {"scouting": {"gossip": {"enabled": True}}},
+}
+"""What an open router must be besides open for some cheats to work."""
+
+
+@pytest.fixture
+def evidence() -> Evidence:
+    return Evidence()
+
+
+@pytest.mark.parametrize("name", CHEATS)
+def test_without_the_policy_the_cheat_works(name: str, evidence: Evidence) -> None:
+    with Stage(policy=False, settings=OPEN_ROUTER.get(name)) as stage:
+        CHEATS[name](stage, evidence)
+        assert evidence.comes()
+
+
+@pytest.mark.parametrize("name", CHEATS)
+def test_with_the_policy_it_fails_and_nothing_is_disturbed(name: str, evidence: Evidence) -> None:
+    with Stage(policy=True) as stage:
+        CHEATS[name](stage, evidence)
+        stage.passes(QUIET_STEPS)
+        assert evidence.found == []
+        stage.was_undisturbed(but_refused=frozenset({"1"}))
