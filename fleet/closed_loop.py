@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 from agent.agent import Agent, Decision
+from agent.deadline import Deadline
 from agent.stopwatch import Clock
 from fleet.facts import RunFacts
 from protocol.messages import Observation, Truth
@@ -62,7 +63,7 @@ def _agents(scenario: Scenario, facts: RunFacts, clock: Clock) -> dict[str, Agen
             solver=facts.solver,
             clock=clock,
             iterations=facts.iterations,
-            budget_s=None if facts.budget_ms is None else facts.budget_ms / 1000.0,
+            deadline=Deadline(clock, None if facts.budget_ms is None else facts.budget_ms / 1000.0),
         )
         for robot in scenario.robots
     }
