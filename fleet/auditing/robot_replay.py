@@ -72,9 +72,9 @@ class RobotReplay:
             ModuleNotFoundError: the library of a baseline is not installed here.
         """
         deadline = RepeatedDeadline()
-        agent = self._joins(deadline)
+        agent = None
         for mind in self.minds:
-            if mind.decision == 0:
+            if agent is None or mind.decision == 0:
                 agent = self._joins(deadline)
             deadline.repeated = mind.cut_short_at
             command = self._commands[mind.step][0] if mind.step in self._commands else None
