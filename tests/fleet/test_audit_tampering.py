@@ -190,6 +190,18 @@ def test_what_a_changed_command_leads_to_differs_too(
     assert [robot.observations.identical for robot in report.robots] == [STEP + 1, STEP + 1]
 
 
+def test_a_command_that_the_world_refused_differs_but_what_the_world_did_does_not(
+    tmp_path: Path, experiment: Experiment, honest: Messages
+) -> None:
+    messages = list(honest)
+    index = at(messages, "command/1")
+    refused = messages[index].message.model_copy(update={"robot": "2"})
+    messages.insert(index, messages[index]._replace(message=refused))
+    report = audited(write(tmp_path / "run.mcap", experiment, messages))
+    assert first(report) == ("command", "1", STEP, "robot")
+    assert {each.part for each in report.differences} == {"command"}
+
+
 @pytest.mark.parametrize(
     ("key", "whose"),
     [("pose/3", "pose/1"), ("gossip", "pose/1"), ("pose/1", "mind/2"), ("command/1", "truth")],
