@@ -116,7 +116,6 @@ class Audit:
         replay = RobotReplay(self._run, robot, time.perf_counter)
         minds = Tally(len(replay.minds))
         commands = Tally(len(replay.surplus))
-        self._differences += replay.surplus
         watch(robot, 0, minds.recorded)
         for done, turn in enumerate(replay.turns(), 1):
             minds.identical += turn.mind_difference is None
@@ -125,6 +124,7 @@ class Audit:
                 commands.identical += turn.command_difference is None
             self._differences += turn.differences
             watch(robot, done, minds.recorded)
+        self._differences += replay.surplus
         return RobotAudit(
             id=robot,
             reads=self._run.readable_by(robot),

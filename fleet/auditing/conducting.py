@@ -82,7 +82,8 @@ def conduct_replay(path: Path, robot: str, *, steps: bool, debug_at: int | None)
             return _told(console, run, [scene_difference])
         replay = RobotReplay(run, robot, time.perf_counter)
         _check_decision(replay, debug_at)
-        differences, done = list(replay.surplus), 0
+        differences: list[Difference] = []
+        done = 0
         try:
             with _Watching(interruption, errors, shown=not steps and debug_at is None) as watching:
                 compile_solver(interruption)
@@ -98,6 +99,7 @@ def conduct_replay(path: Path, robot: str, *, steps: bool, debug_at: int | None)
         except (KeyboardInterrupt, BdbQuit):
             _say(console, f"Interrupted: {done} of {len(replay.minds)} decisions have been repeated.")
             return ExitStatus.ENDED_OTHERWISE
+        differences += replay.surplus
         if not differences:
             _say(
                 console, f"All {done} decisions of robot {robot} follow, bit for bit, from what it was given."
