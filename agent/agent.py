@@ -2,6 +2,7 @@
 
 from collections import deque
 from dataclasses import dataclass, field
+from itertools import count
 from typing import NamedTuple
 
 from agent.acting import driven_last, first_input, is_same_input, second_input, without_a_plan
@@ -66,9 +67,9 @@ class Agent:
         scene: what everybody may know.
         goals: how it comes to know what the others will do: a name that ``agent.methods`` knows.
         solver: how trajectory problems are solved: a name that ``agent.solver.joint_solver`` knows.
-        clock: times the phases for ``mind``; it changes no decision, unless there is a budget.
+        clock: times the phases for ``mind``; it changes no decision.
         iterations: of the real-time solver a problem, at most.
-        budget_s: time in s after which a decision improves its trajectories no further; None for no limit.
+        deadline: after it a decision improves its trajectories no further; None for no limit.
 
     Raises:
         ValueError: the estimator needs something that the scene does not hold.
@@ -84,7 +85,7 @@ class Agent:
         solver: SolverName,
         clock: Clock,
         iterations: int = ITERATIONS,
-        budget_s: float | None = None,
+        deadline: Deadline | None = None,
     ) -> None:
         self._robot = robot
         self._goal = goal
@@ -96,7 +97,7 @@ class Agent:
             owner=robot,
             limits_of=lambda each: scene.robot(each).limits,
         )
-        self._deadline = Deadline(clock, budget_s)
+        self._deadline = deadline or Deadline(clock, None)
         trajectories = joint_solver(solver, iterations, self._deadline)
         method = method_of(goals, scene, robot, trajectories, self._deadline)
         self._estimator, self._predictor, self._planner = method
@@ -104,6 +105,7 @@ class Agent:
         self._parked: set[str] = set()
         self._given: deque[_Given] = deque(maxlen=DOUBTFUL + 1)
         self._solver_failures = 0
+        self._ordinals = count()
 
     def decide(self, observation: Observation) -> Decision | None:
         """One turn of algorithm 1.
@@ -233,6 +235,7 @@ class Agent:
             epoch=observation.epoch,
             robot=self._robot,
             step=observation.step,
+            decision=next(self._ordinals),
             arrived=self._arrived,
             estimates={robot: State.of(*goal.tolist()) for robot, goal in thought.goals.items()},
             prediction={
@@ -242,6 +245,7 @@ class Agent:
             plan=_as_path(thought.plan.states) if thought.plan else (),
             failed=thought.failed,
             solver_failures=self._solver_failures,
+            cut_short_at=self._deadline.cut_short_at,
             timings_ms=watch.timings(),
         )
 

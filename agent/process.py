@@ -9,6 +9,7 @@ import zenoh
 
 from agent.agent import Agent
 from agent.compiled import forbid_compiling
+from agent.deadline import Deadline
 from agent.estimation import GoalsName
 from agent.inbox import Inbox
 from agent.notices import LateDecisions
@@ -153,7 +154,7 @@ class RobotProcess:
                 solver=options.solver,
                 clock=time.perf_counter,
                 iterations=options.iterations,
-                budget_s=options.budget_s,
+                deadline=Deadline(time.perf_counter, options.budget_s),
             )
         except ValueError as error:
             raise SceneError(str(error)) from error

@@ -13,6 +13,7 @@ import agent.__main__
 import world.__main__
 from agent.estimation import DEFAULT_GOALS, GoalsName
 from agent.solver import ITERATIONS, SolverName
+from fleet.auditing.command import audit, replay
 from fleet.bench.command import bench
 from fleet.compiling import announced
 from fleet.conduct import Stream, conduct
@@ -136,6 +137,8 @@ app.command("bench")(bench)
 app.add_typer(scenarios, name="scenarios")
 app.command("evaluate")(evaluate)
 app.command("report")(report)
+app.command("audit")(audit)
+app.command("replay")(replay)
 
 
 def _tell_version(wanted: bool) -> None:

@@ -4,10 +4,12 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 from agent.agent import Agent, Decision
+from agent.deadline import Deadline
 from agent.stopwatch import Clock
 from fleet.facts import RunFacts
 from protocol.messages import Observation, Truth
-from protocol.scenario import Scenario
+from protocol.scenario import Scenario, ScenarioRobot
+from protocol.scene import Scene
 from world.world import World
 
 EPOCH = 0
@@ -53,16 +55,26 @@ def closed_loop(
 
 def _agents(scenario: Scenario, facts: RunFacts, clock: Clock) -> dict[str, Agent]:
     scene = scenario.scene(with_goals=facts.goals_are_exchanged)
+    budget_s = None if facts.budget_ms is None else facts.budget_ms / 1000.0
     return {
-        robot.id: Agent(
-            robot.id,
-            robot.goal_pose(),
-            scene,
-            goals=facts.goals,
-            solver=facts.solver,
-            clock=clock,
-            iterations=facts.iterations,
-            budget_s=None if facts.budget_ms is None else facts.budget_ms / 1000.0,
-        )
-        for robot in scenario.robots
+        robot.id: agent_of(robot, scene, facts, clock, Deadline(clock, budget_s)) for robot in scenario.robots
     }
+
+
+def agent_of(robot: ScenarioRobot, scene: Scene, facts: RunFacts, clock: Clock, deadline: Deadline) -> Agent:
+    """A robot of a run, which has not seen anything yet.
+
+    Raises:
+        ValueError: its estimator needs something that the scene does not hold.
+        ModuleNotFoundError: the library of a baseline is not installed here.
+    """
+    return Agent(
+        robot.id,
+        robot.goal_pose(),
+        scene,
+        goals=facts.goals,
+        solver=facts.solver,
+        clock=clock,
+        iterations=facts.iterations,
+        deadline=deadline,
+    )

@@ -8,7 +8,7 @@ from typing import Final, Self
 
 from mcap.data_stream import RecordBuilder
 from mcap.reader import McapReader, make_reader
-from mcap.records import DataEnd, Footer
+from mcap.records import DataEnd, Footer, Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import MCAP0_MAGIC, Writer
 
@@ -192,15 +192,34 @@ class Recording:
 
     def __iter__(self) -> Iterator[tuple[str, Message]]:
         """All messages, decoded and validated; floats are exactly those that were recorded."""
+        return self._messages(None)
+
+    def on(self, key: str) -> Iterator[Message]:
+        """The messages on one key, as above; no other message is decoded."""
+        return (message for _, message in self._messages([key]))
+
+    def channels(self) -> frozenset[tuple[str, str]]:
+        """Each key on which there is a message, with the kind of message as the recording names it."""
         with _reading(self.path) as reader:
-            for schema, channel, record in reader.iter_messages(log_time_order=False):
-                name = schema.name if schema else "without a schema"
+            return frozenset(
+                (channel.topic, _kind_of(schema))
+                for schema, channel, _ in reader.iter_messages(log_time_order=False)
+            )
+
+    def _messages(self, keys: list[str] | None) -> Iterator[tuple[str, Message]]:
+        with _reading(self.path) as reader:
+            for schema, channel, record in reader.iter_messages(topics=keys, log_time_order=False):
+                name = _kind_of(schema)
                 if name not in _KINDS:
                     raise RecordingError(
                         f"{self.path}: a message of the unknown kind {name!r} on {channel.topic}; "
                         f"expected one of {', '.join(_KINDS)}: read it with the version that wrote it"
                     )
                 yield channel.topic, _KINDS[name].model_validate_json(record.data)
+
+
+def _kind_of(schema: Schema | None) -> str:
+    return schema.name if schema else "without a schema"
 
 
 def read_recording(path: Path) -> Recording:

@@ -21,14 +21,14 @@ class Stragglers:
             self._answered[message.robot] = message.step
         elif isinstance(message, Truth):
             before, self._truth = self._truth, message
-            self._due = _obeyed(before, message) if before is not None else {}
+            self._due = obeyed(before, message) if before is not None else {}
 
     def on_their_way(self) -> bool:
         """Whether a command that led to the newest truth has not been taken."""
         return any(self._answered.get(robot) != step for robot, step in self._due.items())
 
 
-def _obeyed(before: Truth, after: Truth) -> dict[str, int]:
+def obeyed(before: Truth, after: Truth) -> dict[str, int]:
     """By robot, the step whose command led from one truth to the next; without those who missed it."""
     if after.step == before.step:  # the verdict on an interrupted step
         return {}

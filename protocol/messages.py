@@ -176,6 +176,8 @@ class Mind(Message):
 
     robot: Name
     step: Count
+    decision: Count
+    """How many decisions the robot had made before this one since it joined: at 0 it remembers nothing."""
     arrived: bool
     estimates: Robots
     """Estimated goal states of all robots, the ego's as the others would estimate it."""
@@ -187,4 +189,6 @@ class Mind(Message):
     """Phases whose problem was not solved at this step."""
     solver_failures: Count
     """Problems not solved so far, since the robot joined this epoch."""
+    cut_short_at: Count | None
+    """At which question whether its time is over, counted from 0, it was; None: it had time enough."""
     timings_ms: Timings

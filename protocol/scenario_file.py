@@ -46,8 +46,21 @@ def load_scenario(path: Path) -> Scenario:
         ScenarioError: the file cannot be read, is no single YAML map, or is not a valid scenario. One line
             a problem, with file, line and field.
     """
+    return parse_scenario(_read_text(path), path)
+
+
+def parse_scenario(text: str, path: Path) -> Scenario:
+    """Read the text of a scenario file.
+
+    Args:
+        text: the content.
+        path: of the file that holds it, for people.
+
+    Raises:
+        ScenarioError: as of ``load_scenario``.
+    """
     try:
-        tree = read_tree(_read_text(path))
+        tree = read_tree(text)
     except YamlProblems as error:
         raise ScenarioError("\n".join(f"{path}:{line}: {what}" for line, what in error.found)) from None
     except RecursionError:

@@ -31,7 +31,7 @@ def best_solution(
     if escapes is not None and is_deadlock(problem, best):
         starts = [*starts, *escapes(problem)]
     for start in starts[1:]:
-        if deadline.passed:
+        if deadline.has_passed():
             break
         other = solver.solve(problem, start)
         if _rank(problem, other, WORTH) < _rank(problem, best, 0.0):

@@ -1,11 +1,11 @@
 """``unspoken bench``: the command line."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from fleet.bench.settings import MOST_ROBOTS, SectionName, Settings
+from fleet.report_file import JsonOption
 
 DEFAULT = Settings()
 
@@ -48,15 +48,7 @@ def bench(
     reference: Annotated[
         bool, typer.Option(help="Compare with the reference solver, which takes minutes.")
     ] = DEFAULT.reference,
-    json: Annotated[
-        Path | None,
-        typer.Option(
-            help="Write the report to this file as JSON; - writes it to the standard output and the tables "
-            "to the standard error.",
-            dir_okay=False,
-            allow_dash=True,
-        ),
-    ] = None,
+    json: JsonOption = None,
 ) -> None:
     """Measure how fast and how good decisions are on this machine: solver, decisions, bus and processes.
 

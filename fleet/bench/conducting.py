@@ -1,20 +1,19 @@
 """Conducts a bench for a person: shows how it is getting on, prints the tables and writes the JSON."""
 
-import sys
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from fleet.bench.measuring import Measuring
-from fleet.bench.report import Report, show
+from fleet.bench.report import show
 from fleet.bench.settings import Settings
 from fleet.bench.watch import Watch
 from fleet.crew import ProcessFailedError
 from fleet.interruption import Interruption
+from fleet.report_file import TO_STDOUT, write_report
 from world.process import ExitStatus
 
-TO_STDOUT = Path("-")
 WIDTH = 120
 """What the widest table needs."""
 
@@ -30,12 +29,14 @@ def conduct(settings: Settings, json: Path | None) -> ExitStatus:
     errors = _console(stderr=True)
     console = errors if json == TO_STDOUT else _console(stderr=False)
     measuring = Measuring(settings)
-    if json not in (None, TO_STDOUT) and not _write(measuring.report(), json, errors):  # not after minutes
+    if json not in (None, TO_STDOUT) and not write_report(
+        measuring.report().to_json(), json, errors
+    ):  # not after minutes
         return ExitStatus.WRONG_USAGE
     status = _measure(measuring, errors)
     report = measuring.report()
     show(report, console)
-    return status if json is None or _write(report, json, errors) else ExitStatus.FAILED
+    return status if json is None or write_report(report.to_json(), json, errors) else ExitStatus.FAILED
 
 
 def _measure(measuring: Measuring, errors: Console) -> ExitStatus:
@@ -50,25 +51,6 @@ def _measure(measuring: Measuring, errors: Console) -> ExitStatus:
             errors.print(f"unspoken: {error}", markup=False, soft_wrap=True)
             return ExitStatus.FAILED
     return ExitStatus.ARRIVED
-
-
-def _write(report: Report, path: Path, errors: Console) -> bool:
-    """Whether the report could be written."""
-    text = report.to_json() + "\n"
-    if path == TO_STDOUT:
-        sys.stdout.write(text)
-        return True
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        errors.print(
-            f"unspoken: {path}: the report cannot be written there: {error.strerror}; "
-            "a file in a directory that exists and can be written is expected in --json",
-            markup=False,
-            soft_wrap=True,
-        )
-        return False
-    return True
 
 
 def _console(*, stderr: bool) -> Console:

@@ -89,6 +89,7 @@ def mind(
         epoch=EPOCH,
         robot=robot,
         step=step,
+        decision=step,
         arrived=False,
         estimates={
             name: State(x_m=x, y_m=y, heading_rad=0.0, speed_mps=0.0)
@@ -98,6 +99,7 @@ def mind(
         plan=tuple(plan),
         failed=(),
         solver_failures=solver_failures,
+        cut_short_at=None,
         timings_ms=Timings(**(timings_ms or {})),
     )
 

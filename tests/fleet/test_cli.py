@@ -16,7 +16,7 @@ from agent.solver.problem import JointSolver
 from fleet.cli import app
 from fleet.recording import read_recording
 
-COMMANDS = ("run", "simulate", "bench", "scenarios", "world", "agent")
+COMMANDS = ("run", "simulate", "bench", "scenarios", "audit", "replay", "world", "agent")
 ENVIRONMENT = {
     "world": (
         "scenario",

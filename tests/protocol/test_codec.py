@@ -128,12 +128,14 @@ MESSAGES = st.one_of(
         **HEADER,
         robot=NAMES,
         step=COUNTS,
+        decision=COUNTS,
         arrived=st.booleans(),
         estimates=ROBOTS,
         prediction=st.dictionaries(NAMES, PATHS, max_size=4),
         plan=PATHS,
         failed=st.sampled_from([(), ("predict",), ("plan",), ("predict", "plan")]),
         solver_failures=COUNTS,
+        cut_short_at=st.none() | COUNTS,
         timings_ms=st.builds(
             Timings, estimate=NOT_NEGATIVE, predict=NOT_NEGATIVE, plan=NOT_NEGATIVE, decide=NOT_NEGATIVE
         ),
@@ -281,12 +283,14 @@ def test_a_message_that_no_reader_would_accept_is_not_sent() -> None:
         epoch=1,
         robot="a",
         step=0,
+        decision=0,
         arrived=False,
         estimates={},
         prediction={f"r{n}": path for n in range(128)},
         plan=path,
         failed=(),
         solver_failures=0,
+        cut_short_at=None,
         timings_ms=Timings(),
     )
     with pytest.raises(MessageError, match=rf"Mind: \d+ bytes, at most {MAX_PAYLOAD_BYTES} are allowed"):

@@ -43,7 +43,7 @@ class RealTimeSolver:
         most, least = (self._iterations, CONVERGED) if start.warm else (COLD_ITERATIONS, CONVERGED_COLD)
         given = (states, start.inputs, problem.previous_inputs)
         solved, iterations = all(bool(np.isfinite(each).all()) for each in given), 0
-        while solved and iterations < most and not (iterations and self._deadline.passed):
+        while solved and iterations < most and not (iterations and self._deadline.has_passed()):
             states, forces, pressures, promised, _, solved = improve(
                 data, states, forces, pressures, PRICE_PER_M, TOLERANCE, 0
             )
