@@ -19,15 +19,13 @@ from fleet.compiling import announced
 from fleet.conduct import Stream, conduct
 from fleet.evaluation.command import evaluate
 from fleet.experiment import Experiment, prepare
+from fleet.facts import VIRTUAL
 from fleet.live import run_processes
 from fleet.reporting.command import report
 from fleet.simulation import simulate as simulate_messages
 from fleet.suites.command import app as scenarios
 from protocol.scenario_file import ScenarioError
 from world.process import ClockKind, ExitStatus
-
-VIRTUAL = "virtual"
-"""The clock of ``simulate``, as its summary names it."""
 
 app = typer.Typer(
     no_args_is_help=True,

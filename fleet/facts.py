@@ -9,6 +9,10 @@ SHARING: GoalsName = "exchanged"
 """The one choice of ``--goals`` for which the world tells the goals."""
 
 
+VIRTUAL = "virtual"
+"""The clock of ``simulate``, as its summary names it."""
+
+
 class RunFacts(Settings):
     """Which experiment a run is; kept in its summary and in its recording."""
 

@@ -11,6 +11,7 @@ from mcap.reader import McapReader, make_reader
 from mcap.records import DataEnd, Footer, Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import MCAP0_MAGIC, Writer
+from pydantic import ValidationError
 
 from fleet.facts import RunFacts
 from fleet.message_schema import message_schema
@@ -260,6 +261,13 @@ def _reading(path: Path) -> Iterator[McapReader]:
         raise
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+        where = ".".join(map(str, (error.title, *first["loc"])))
+        raise RecordingError(
+            f"{path}: holds what this version of the software does not write: {where}: {first['msg']}; "
+            "read it with the version that wrote it"
+        ) from None
     # Damaged bytes raise the reader's own errors, struct.error, ValueError, KeyError, ZstdError, MemoryError
     # and others: all of them mean the same here.
     except Exception as error:

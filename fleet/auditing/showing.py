@@ -7,7 +7,7 @@ from fleet.auditing.audit import Report
 from fleet.auditing.difference import Difference
 from fleet.auditing.robot_replay import Turn
 from fleet.auditing.world_replay import Tally
-from fleet.facts import RunFacts
+from fleet.facts import VIRTUAL, RunFacts
 
 STEPS_HEADER = "  step   time s  turn rate rad/s  acceleration m/s²  as recorded  decided in ms"
 
@@ -56,7 +56,7 @@ def conclusion(report: Report) -> str:
     decisions = sum(robot.minds.recorded for robot in report.robots)
     text = (
         f"Everything follows, bit for bit: all {decisions} decisions from each robot's own observations and "
-        f"the scene alone, and all observations from what the robots drove. {goals}"
+        f"the scene alone, and all observations from what the robots drove. {goals}{_policy(report.facts)}"
     )
     if report.verdict is None:
         text += (
@@ -83,6 +83,14 @@ def first_of(differences: tuple[Difference, ...], facts: RunFacts, repeated_with
             f"{repeated_with}, which may decide otherwise: repeat it with the version that recorded it"
         )
     return f"{text}."
+
+
+def _policy(facts: RunFacts) -> str:
+    if facts.clock == VIRTUAL:
+        return ""  # there was no bus
+    if facts.policy:
+        return " The router delivered nothing else: the policy was in force."
+    return " No policy was in force: what else may have reached the robots is not shown."
 
 
 def _whose(difference: Difference) -> str:

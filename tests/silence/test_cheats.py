@@ -269,6 +269,8 @@ def thinking_aloud(stage: Stage, evidence: Evidence) -> None:
         epoch=EPOCH,
         robot="1",
         step=1,
+        decision=1,
+        cut_short_at=None,
         arrived=False,
         estimates={},
         prediction={name: ((0.0, 0.0),)},
