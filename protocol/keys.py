@@ -11,6 +11,12 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31
 NAME_RULE = "1 to 32 letters, digits, '-' or '_' are expected, a letter or a digit first"
 """What a name looks like, for people."""
 
+WORLD_NAME = "@world"
+"""The world's name in its certificate; no robot's, as ``@`` cannot begin an id."""
+
+BENCH_NAME = "@bench"
+"""The bench's name in its certificate; no robot's either."""
+
 _NAME = TypeAdapter(Name)
 
 
