@@ -121,7 +121,7 @@ def read_certificate(path: Path) -> x509.Certificate:
         found = x509.load_pem_x509_certificates(_read(path)[0])
         for each in found:
             each.public_key(), each.subject, each.extensions  # read only now; damage is told here
-    except (ValueError, UnsupportedAlgorithm):
+    except _DAMAGED:
         raise KeysError(f"{path}: this is no certificate in PEM; {_COPY_AGAIN}") from None
     if len(found) != 1:
         raise KeysError(f"{path}: one certificate is expected, found {len(found)}; {_COPY_AGAIN}")
@@ -200,6 +200,14 @@ def date_text(time: datetime) -> str:
     return f"{time.astimezone():%Y-%m-%d %H:%M %Z}"
 
 
+_DAMAGED = (
+    ValueError,
+    UnsupportedAlgorithm,
+    x509.DuplicateExtension,
+    x509.InvalidVersion,
+    x509.UnsupportedGeneralNameType,
+)
+"""What the library raises for a certificate that it cannot read."""
 _SEPARATORS = ";?"
 """Zenoh hands the paths on in one text, in which these stand between them."""
 _COPY_AGAIN = "copy the folder here again as 'unspoken keys' made it"

@@ -102,7 +102,7 @@ def create(
     now = _now()
     with _told(directory):
         create_keys(directory, devices, now, days, authority_days)
-        _print(survey(directory, now))
+        _print(directory, survey(directory, now))
     typer.echo(
         f"Copy each folder to its device and nowhere else. Keep {directory / AUTHORITY_FOLDER} to yourself: "
         "who has it can make keys for everybody."
@@ -132,7 +132,7 @@ def issue(
             raise KeysError("--host is for the keys of the world, which are not among the named: add --world")
         issue_keys(directory, [_device(directory, name, host) for name in names], now, days)
         issued = {directory / Device(name).folder for name in names}
-        _print(found for found in survey(directory, now) if found.folder in issued)
+        _print(directory, (found for found in survey(directory, now) if found.folder in issued))
     typer.echo("Copy each of these folders to its device, in the place of an older one.")
 
 
@@ -144,7 +144,7 @@ def show(directory: MadeArgument) -> None:
     """
     with _told(directory):
         found = survey(directory, _now())
-    _print(found)
+    _print(directory, found)
     for finding in found:
         if finding.wrong or finding.warning:
             typer.echo(finding.wrong or finding.warning)
@@ -184,12 +184,13 @@ def _told(directory: Path) -> Iterator[None]:
         raise typer.Exit(ExitStatus.FAILED) from None
 
 
-def _print(findings: Iterable[Finding]) -> None:
+def _print(directory: Path, findings: Iterable[Finding]) -> None:
+    """One row a folder, named as seen from the directory."""
     table = Table(box=box.SIMPLE_HEAD)
     for header in ("Who", "Folder", "Expires", "State"):
         table.add_column(header, overflow="fold")
     for finding in findings:
         state = "[red]wrong[/]" if finding.wrong else "[yellow]soon[/]" if finding.warning else "ok"
         expires = date_text(finding.expires) if finding.expires else "–"
-        table.add_row(finding.holder, Text(str(finding.folder)), expires, state)
+        table.add_row(finding.holder, Text(str(finding.folder.relative_to(directory))), expires, state)
     Console(highlight=False).print(table)
