@@ -235,7 +235,7 @@ def outcome(folder: Path, file: str, content: bytes) -> str:
     try:
         keys = load_device_keys(folder, NOW)
     except KeysError as error:
-        return "told" if str(error).startswith(f"{folder}/{file}: ") else str(error)
+        return "told" if str(error).startswith(f"{folder}/") else str(error)
     finally:
         (folder / file).write_bytes(whole)
     return "good" if (keys.name, keys.expires) == ("7", END) else f"{keys.name} until {keys.expires}"
