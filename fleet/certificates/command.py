@@ -34,9 +34,9 @@ app = typer.Typer(
 )
 
 
-def _robots(values: list[str]) -> list[str]:
+def _robots(values: list[str] | None) -> list[str]:
     try:
-        return [checked_name(value) for value in values]
+        return [checked_name(value) for value in values or ()]
     except ValueError as error:
         raise typer.BadParameter(str(error)) from None
 
