@@ -1,6 +1,7 @@
 """``python -m agent``: the command line of one robot's process."""
 
 import math
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -13,8 +14,9 @@ from agent.process import RobotOptions, RobotProcess, SceneError
 from agent.solver import ITERATIONS, SolverName
 from agent.warm import CompilingError
 from protocol.codec import MessageError
+from protocol.device_keys import DeviceKeys
+from protocol.identity import IdentityError, client_identity
 from protocol.keys import checked_name
-from protocol.passwords import Login, PasswordError, read_password
 from protocol.scene import Goal
 from protocol.session import reason_of
 from protocol.signals import on_wish_to_end
@@ -105,6 +107,14 @@ def main(
             show_default="none, for a world that asks for none",
         ),
     ] = None,
+    keys: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="UNSPOKEN_KEYS",
+            help="Folder with this robot's keys, as 'unspoken keys' makes it; for an endpoint tls/….",
+            show_default="none",
+        ),
+    ] = None,
     run: Annotated[
         str,
         typer.Option(
@@ -142,16 +152,21 @@ def main(
 ) -> None:
     """Be one robot: wait for a world, drive to the goal, until stopped by SIGINT or SIGTERM.
 
-    Exit status: 0 stopped, 2 wrong usage or no readable password, 3 the world does not fit this robot or
+    Exit status: 0 stopped, 2 wrong usage, password or keys, 3 the world does not fit this robot or
     cannot be reached at all, or there is no place for the compiled solver.
     """
     budget_s = None if budget_ms is None else budget_ms / 1000.0
     try:
-        login = None if password_file is None else Login(robot, read_password(password_file))
-    except PasswordError as error:
+        now = datetime.now(UTC)
+        identity = client_identity(robot, connect, password_file, keys, now)
+    except IdentityError as error:
         typer.echo(f"robot {robot}: {error}", err=True)
         raise typer.Exit(WRONG_USAGE) from None
-    options = RobotOptions(robot, parse_goal(goal), connect, login, run, goals, solver, iterations, budget_s)
+    options = RobotOptions(
+        robot, parse_goal(goal), connect, identity, run, goals, solver, iterations, budget_s
+    )
+    if isinstance(identity, DeviceKeys) and (warning := identity.warning(now)):
+        typer.echo(f"robot {robot}: {warning}", err=True)
     process = RobotProcess(options)
     on_wish_to_end(process.stop)
     try:

@@ -16,6 +16,7 @@ from agent.notices import LateDecisions
 from agent.solver import SolverName
 from agent.warm import compile_in_background, warm_up
 from protocol.codec import decode, encode
+from protocol.identity import Identity
 from protocol.keys import Keys
 from protocol.messages import Message, Observation, PublicScene
 from protocol.passwords import Login
@@ -37,8 +38,7 @@ class RobotOptions:
     robot: str
     goal: Goal
     connect: str
-    login: Login | None
-    """None: the world asks for no password."""
+    identity: Identity
     run: str
     goals: GoalsName
     solver: SolverName
@@ -100,7 +100,7 @@ class RobotProcess:
     def _connect(self) -> zenoh.Session | None:
         """The session, once the world is there and this robot is ready; None if stopped before."""
         self._log.info("waiting for the world", connect=self._options.connect, run=self._options.run)
-        settings = client_session(self._options.connect, self._options.login)
+        settings = client_session(self._options.connect, self._options.identity)
         open_in_background(settings, self._opened.put)
         self._get_ready()
         session = self._await_session()
@@ -115,9 +115,9 @@ class RobotProcess:
                 return self._opened.get(timeout=PATIENCE_S)
             except Empty:
                 self._log.warning(
-                    "still waiting: there is no world at this endpoint, or it refuses this robot's password",
+                    "still waiting: there is no world at this endpoint, or it refuses this robot",
                     connect=self._options.connect,
-                    password="none" if self._options.login is None else "given",
+                    proves_itself_by=_proof(self._options.identity),
                 )
 
     def _get_ready(self) -> None:
@@ -180,3 +180,9 @@ class RobotProcess:
     def _put(self, session: zenoh.Session, key: str, message: Message) -> None:
         """Unlike poses, of which the latest counts, these are not to be lost where a reader is slow."""
         session.put(key, encode(message), congestion_control=zenoh.CongestionControl.BLOCK)
+
+
+def _proof(identity: Identity) -> str:
+    if identity is None:
+        return "nothing"
+    return "password" if isinstance(identity, Login) else f"keys in {identity.folder}"

@@ -15,6 +15,7 @@ from agent.estimation import DEFAULT_GOALS, GoalsName
 from agent.solver import ITERATIONS, SolverName
 from fleet.auditing.command import audit, replay
 from fleet.bench.command import bench
+from fleet.certificates.command import app as keys
 from fleet.compiling import announced
 from fleet.conduct import Stream, conduct
 from fleet.evaluation.command import evaluate
@@ -133,6 +134,7 @@ app.command("world")(world.__main__.main)
 app.command("agent")(agent.__main__.main)
 app.command("bench")(bench)
 app.add_typer(scenarios, name="scenarios")
+app.add_typer(keys, name="keys")
 app.command("evaluate")(evaluate)
 app.command("report")(report)
 app.command("audit")(audit)

@@ -14,7 +14,8 @@ from typing import Literal
 import zenoh
 from pydantic import BaseModel, ConfigDict, Field
 
-from protocol.passwords import Login
+from protocol.device_keys import DeviceKeys
+from protocol.identity import Identity
 from protocol.policy import AccessControl
 
 LEASE_MS = 1000
@@ -82,8 +83,25 @@ class Receiving(_ZenohSettings):
     max_message_size: int = MAX_MESSAGE_BYTES
 
 
+class Tls(_ZenohSettings):
+    """Files that prove who this is, and whom it believes; both sides must prove it."""
+
+    root_ca_certificate: str
+    listen_certificate: str | None = None
+    listen_private_key: str | None = None
+    connect_certificate: str | None = None
+    connect_private_key: str | None = None
+    enable_mtls: Literal[True] = True
+    verify_name_on_connect: Literal[True] = True
+    close_link_on_expiration: Literal[True] = True
+
+
 class Link(_ZenohSettings):
     """Settings of one connection."""
+
+    protocols: tuple[str, ...] | None = None
+    """None: those of the endpoints."""
+    tls: Tls | None = None
 
     tx: Sending = Sending()
     rx: Receiving = Receiving()
@@ -155,34 +173,54 @@ class SessionSettings(_ZenohSettings):
 
 
 def world_session(
-    listen: str, access: AccessControl | None = None, users: Path | None = None, most_sessions: int = 1000
+    listen: str,
+    access: AccessControl | None = None,
+    proof: Path | DeviceKeys | None = None,
+    most_sessions: int = 1000,
 ) -> SessionSettings:
     """The world: a router that accepts connections at an endpoint such as ``tcp/127.0.0.1:7447``.
 
     Args:
         listen: that endpoint.
         access: who may do what; None: everybody everything.
-        users: file of the names and passwords of those who may connect; None: no password is asked for.
+        proof: how names are proven: file of names and passwords, or the world's own keys; None: not at all.
         most_sessions: how many may be connected at a time.
     """
-    auth = Authentication(usrpwd=Passwords(dictionary_file=str(users))) if users else None
-    transport = Transport(unicast=Unicast(max_sessions=most_sessions), auth=auth)
+    unicast = Unicast(max_sessions=most_sessions)
+    transport = Transport(unicast=unicast)
+    if isinstance(proof, DeviceKeys):
+        certificate, key = str(proof.certificate), str(proof.key)
+        tls = Tls(
+            root_ca_certificate=str(proof.authority), listen_certificate=certificate, listen_private_key=key
+        )
+        transport = Transport(unicast=unicast, link=Link(protocols=("tls",), tls=tls))
+    elif proof is not None:
+        auth = Authentication(usrpwd=Passwords(dictionary_file=str(proof)))
+        transport = Transport(unicast=unicast, auth=auth)
     listening = Listen(endpoints=(listen,))
     return SessionSettings(mode="router", listen=listening, transport=transport, access_control=access)
 
 
-def client_session(connect: str, login: Login | None = None) -> SessionSettings:
+def client_session(connect: str, identity: Identity = None) -> SessionSettings:
     """A robot or the bench: a client of the world at this endpoint.
 
     Args:
         connect: that endpoint.
-        login: who this is; None where the world asks for no password.
+        identity: what proves who this is.
     """
-    auth = None
-    if login is not None:
-        auth = Authentication(usrpwd=Passwords(user=login.user, password=login.password))
-    connecting = Connect(endpoints=(connect,))
-    return SessionSettings(mode="client", connect=connecting, transport=Transport(auth=auth))
+    transport = Transport()
+    if isinstance(identity, DeviceKeys):
+        certificate, key = str(identity.certificate), str(identity.key)
+        tls = Tls(
+            root_ca_certificate=str(identity.authority),
+            connect_certificate=certificate,
+            connect_private_key=key,
+        )
+        transport = Transport(link=Link(protocols=("tls",), tls=tls))
+    elif identity is not None:
+        auth = Authentication(usrpwd=Passwords(user=identity.user, password=identity.password))
+        transport = Transport(auth=auth)
+    return SessionSettings(mode="client", connect=Connect(endpoints=(connect,)), transport=transport)
 
 
 def receive_on_threads(count: int) -> None:

@@ -47,6 +47,15 @@ def main(
             show_default="none, and whoever connects may read and say anything",
         ),
     ] = None,
+    keys: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="UNSPOKEN_KEYS",
+            help="Folder with the world's keys, as 'unspoken keys' makes it, for an endpoint tls/…; instead "
+            "of passwords.",
+            show_default="none",
+        ),
+    ] = None,
     insecure: Annotated[
         bool,
         typer.Option(
@@ -96,15 +105,15 @@ def main(
 ) -> None:
     """Simulate and referee one run.
 
-    Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage, scenario
-    or passwords, 3 robots were missing at the start or the endpoint could not be opened.
+    Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage, scenario,
+    passwords or keys, 3 robots were missing at the start or the endpoint could not be opened.
     """
     try:
         loaded = load_scenario(find(scenario))
     except ScenarioError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(ExitStatus.WRONG_USAGE) from None
-    access = Access(listen, users, insecure)
+    access = Access(listen, users, keys, insecure)
     options = WorldOptions(loaded, access, run, clock, seed, exchange_goals, start_timeout, answer_timeout)
     try:
         status = run_world(options)

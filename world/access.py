@@ -1,14 +1,16 @@
 """Whom the world lets in, and what it lets them do."""
 
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 from structlog.typing import FilteringBoundLogger
 
-from protocol.endpoint import is_local
-from protocol.keys import Keys
+from protocol.device_keys import DeviceKeys, KeysError, check_name, load_device_keys
+from protocol.endpoint import UnfitEndpointError, check_keys_fit, is_local
+from protocol.keys import WORLD_NAME, Keys
 from protocol.passwords import PasswordError, read_users
-from protocol.policy import access_control, rights_of
+from protocol.policy import Proof, access_control, rights_of
 from protocol.session import SessionSettings, world_session
 
 SPARE_SESSIONS = 8
@@ -26,49 +28,70 @@ class Access:
     Attributes:
         listen: the endpoint at which robots connect.
         users: file with the names and passwords of the robots and the bench.
+        keys: folder with the world's own keys; robots and bench then need theirs.
         insecure: whether others than processes of this machine may connect without certificates.
     """
 
     listen: str
-    users: Path | None
-    insecure: bool
+    users: Path | None = None
+    keys: Path | None = None
+    insecure: bool = False
 
     def session(self, keys: Keys, robots: tuple[str, ...], log: FilteringBoundLogger) -> SessionSettings:
         """The session that enforces the policy of a run, as far as names can be proven.
 
         Raises:
-            AccessError: passwords are missing or unreadable, or the world would be open to the network.
+            AccessError: passwords or keys cannot be used, or the world would be open to the network.
         """
-        if not is_local(self.listen):
-            self._allow_network(log)
-        if self.users is None:
+        if self.users is not None and self.keys is not None:
+            raise AccessError("passwords and keys are given; --users or --keys is expected")
+        proof = self._proof(robots, log)
+        access = None
+        if proof is None:
             log.warning(
                 "no policy: whoever connects may read and say anything",
-                remedy="give every robot a password or a certificate: --users",
+                remedy="give every robot a certificate or a password: --keys or --users",
             )
-            return world_session(self.listen, most_sessions=most_sessions(robots))
-        self._check_users(robots)
-        access = access_control(rights_of(keys, robots), "usernames")
-        return world_session(self.listen, access, self.users, most_sessions(robots))
+        else:
+            by: Proof = "cert_common_names" if isinstance(proof, DeviceKeys) else "usernames"
+            access = access_control(rights_of(keys, robots), by)
+        return world_session(self.listen, access, proof, most_sessions(robots))
+
+    def _proof(self, robots: tuple[str, ...], log: FilteringBoundLogger) -> Path | DeviceKeys | None:
+        try:
+            check_keys_fit(self.listen, self.keys)
+            if self.keys is not None:
+                return self._own_keys(self.keys, log)
+            if not is_local(self.listen):
+                self._allow_network(log)
+            if self.users is not None:
+                self._check_users(read_users(self.users), robots)
+        except (UnfitEndpointError, KeysError, PasswordError) as error:
+            raise AccessError(str(error)) from error
+        return self.users
+
+    def _own_keys(self, folder: Path, log: FilteringBoundLogger) -> DeviceKeys:
+        now = datetime.now(UTC)
+        own = load_device_keys(folder, now)
+        check_name(own, WORLD_NAME)
+        if warning := own.warning(now):
+            log.warning(warning)
+        return own
 
     def _allow_network(self, log: FilteringBoundLogger) -> None:
         if not self.insecure:
             raise AccessError(
                 f"{self.listen} can be reached from other machines, and nothing there is encrypted: anyone "
-                "on the network could read poses, and drive robots. Listen on this machine only, such as at "
-                "tcp/127.0.0.1:7447, or say --insecure if the network is yours alone."
+                "on the network could read poses, and drive robots. Listen at tls/… with --keys, or on this "
+                "machine only, such as at tcp/127.0.0.1:7447; or say --insecure if the network is yours "
+                "alone."
             )
         log.warning(
             "insecure: anyone on the network can read what is said here, and pretend to be a robot",
             listen=self.listen,
         )
 
-    def _check_users(self, robots: tuple[str, ...]) -> None:
-        assert self.users is not None
-        try:
-            known = read_users(self.users)
-        except PasswordError as error:
-            raise AccessError(str(error)) from error
+    def _check_users(self, known: tuple[str, ...], robots: tuple[str, ...]) -> None:
         if missing := [robot for robot in robots if robot not in known]:
             raise AccessError(
                 f"{self.users}: no password for robot {', '.join(missing)}; a line name:password is expected "

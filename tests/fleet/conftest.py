@@ -1,10 +1,14 @@
-"""Runs made up from protocol messages, without a world and without robots."""
+"""Runs made up from protocol messages, without a world and without robots; and a clock for keys."""
 
 import math
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 
 import pytest
+from keys_helpers import Clock
 
+from fleet.certificates import command
 from fleet.facts import RunFacts
 from protocol.messages import Message, Mind, State, Timings, TrueRobot, Truth
 from protocol.scenario import Pose, Scenario, ScenarioRobot
@@ -130,3 +134,21 @@ def straight_run(scenario: Scenario, duration_s: float) -> Iterator[Message]:
         }
         for r in scenario.robots:
             yield mind(r.id, step, halfway, {"estimate": 1.0, "plan": 2.0, "decide": 4.0})
+
+
+@pytest.fixture
+def clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """A clock that stands still, in an empty directory."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("COLUMNS", "TERMINAL_WIDTH"):
+        monkeypatch.setenv(name, "200")
+    clock = Clock()
+    monkeypatch.setattr(command, "_now", lambda: clock.now)
+    return clock
+
+
+@pytest.fixture(params=[0o000, 0o022, 0o077], ids=oct)
+def umask(request: pytest.FixtureRequest) -> Iterator[None]:
+    former = os.umask(request.param)
+    yield
+    os.umask(former)

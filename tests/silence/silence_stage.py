@@ -160,7 +160,7 @@ class Stage:
             return zenoh.Config.from_json5(json.dumps(merged(config, self._settings)))
         users = self._folder / "users"
         write_users(users, self.passwords)
-        access = Access(self.endpoint, users, insecure=False)
+        access = Access(self.endpoint, users)
         return access.session(KEYS, ROBOTS, structlog.get_logger()).to_zenoh()
 
     def connect(

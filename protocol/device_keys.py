@@ -1,0 +1,251 @@
+"""The keys with which a device proves who it is: one folder, read and checked before a session is opened.
+
+Zenoh refuses a bad certificate without a word. So everything that can be wrong with the files is found here.
+"""
+
+import os
+import shlex
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Final
+
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.hazmat.primitives.asymmetric.types import PrivateKeyTypes
+from cryptography.hazmat.primitives.serialization import load_pem_private_key
+from cryptography.x509.oid import NameOID
+
+from protocol.keys import BENCH_NAME, WORLD_NAME
+
+AUTHORITY_FILE: Final = "authority.pem"
+"""The certificate of the authority that the device trusts."""
+CERTIFICATE_FILE: Final = "certificate.pem"
+"""The device's own certificate."""
+KEY_FILE: Final = "key.pem"
+"""The private key that belongs to it."""
+SOON: Final = timedelta(days=14)
+"""Before the end of a certificate is warned of so long."""
+RENEW: Final = (
+    "renew them with 'unspoken keys issue' where the authority is kept, and copy the folder here again"
+)
+
+
+class KeysError(Exception):
+    """Keys or certificates that cannot be used; the text says which file, what is wrong and what helps."""
+
+
+@dataclass(frozen=True)
+class DeviceKeys:
+    """Keys of one device that were whole, its own and valid when they were loaded."""
+
+    folder: Path
+    name: str
+    """Whose they are: a robot's id, ``WORLD_NAME`` or ``BENCH_NAME``."""
+    expires: datetime
+    """When they cease to be accepted: the end of the certificate, or of its authority if that is earlier."""
+
+    @property
+    def authority(self) -> Path:
+        """The file with the authority's certificate."""
+        return self.folder / AUTHORITY_FILE
+
+    @property
+    def certificate(self) -> Path:
+        """The file with the device's certificate."""
+        return self.folder / CERTIFICATE_FILE
+
+    @property
+    def key(self) -> Path:
+        """The file with the device's private key."""
+        return self.folder / KEY_FILE
+
+    def expire_soon(self, now: datetime) -> bool:
+        """Whether they expire within ``SOON``."""
+        return self.expires - now <= SOON
+
+    def warning(self, now: datetime) -> str:
+        """What to tell a person who is about to use them; empty if there is nothing to tell."""
+        if not self.expire_soon(now):
+            return ""
+        return f"{self.folder}: these keys expire on {date_text(self.expires)}; {RENEW}"
+
+
+def load_device_keys(folder: Path, now: datetime) -> DeviceKeys:
+    """Read the keys of a device and check all that Zenoh would refuse later without telling why.
+
+    Args:
+        folder: with ``authority.pem``, ``certificate.pem`` and ``key.pem``.
+        now: the device's time, aware of its zone.
+
+    Raises:
+        KeysError: the folder or a file is missing or cannot be read, Zenoh takes no such path, others may use
+            the private key, a file is not what it should be, key, certificate and authority do not belong
+            together, or one of the certificates is not valid now.
+    """
+    _check_folder(folder)
+    authority = read_certificate(folder / AUTHORITY_FILE)
+    certificate = read_certificate(folder / CERTIFICATE_FILE)
+    check_pair(read_key(folder / KEY_FILE), certificate, folder)
+    _check_issuer(certificate, authority, folder)
+    check_time(authority, folder / AUTHORITY_FILE, now)
+    check_time(certificate, folder / CERTIFICATE_FILE, now)
+    expires = min(certificate.not_valid_after_utc, authority.not_valid_after_utc)
+    return DeviceKeys(folder, name_in(certificate, folder / CERTIFICATE_FILE), expires)
+
+
+def check_name(keys: DeviceKeys, expected: str) -> None:
+    """Refuse the keys of another device.
+
+    Args:
+        keys: of this device.
+        expected: a robot's id, ``WORLD_NAME`` or ``BENCH_NAME``.
+
+    Raises:
+        KeysError: they are those of somebody else.
+    """
+    if keys.name != expected:
+        raise KeysError(
+            f"{keys.folder}: these are the keys of {holder_text(keys.name)}, those of "
+            f"{holder_text(expected)} are expected; copy the right folder here"
+        )
+
+
+def read_certificate(path: Path) -> x509.Certificate:
+    """The one certificate in a file.
+
+    Raises:
+        KeysError: the file cannot be read, or holds no certificate or several.
+    """
+    try:
+        found = x509.load_pem_x509_certificates(_read(path)[0])
+        for each in found:
+            each.public_key(), each.subject, each.extensions  # read only now; damage is told here
+    except _DAMAGED:
+        raise KeysError(f"{path}: this is no certificate in PEM; {_COPY_AGAIN}") from None
+    if len(found) != 1:
+        raise KeysError(f"{path}: one certificate is expected, found {len(found)}; {_COPY_AGAIN}")
+    return found[0]
+
+
+def read_key(path: Path) -> PrivateKeyTypes:
+    """The private key in a file that only its owner may use.
+
+    Raises:
+        KeysError: the file cannot be read, can be used by others, or holds no private key without password.
+    """
+    content, mode = _read(path)
+    if mode & 0o077:
+        raise KeysError(
+            f"{path}: others may use this private key, its mode is {mode:04o}, 0600 is expected; "
+            f"run: chmod 600 {shlex.quote(str(path))}"
+        )
+    try:
+        return load_pem_private_key(content, password=None)
+    except (ValueError, TypeError, UnsupportedAlgorithm):  # TypeError: it is locked by a password
+        raise KeysError(f"{path}: this is no private key in PEM without password; {_COPY_AGAIN}") from None
+
+
+def check_pair(key: PrivateKeyTypes, certificate: x509.Certificate, folder: Path) -> None:
+    """Refuse a private key that is not that of the certificate beside it in the folder.
+
+    Raises:
+        KeysError: it belongs to another certificate.
+    """
+    if key.public_key() != certificate.public_key():
+        raise KeysError(
+            f"{folder / KEY_FILE}: not the private key of the certificate beside it; {_COPY_AGAIN}"
+        )
+
+
+def check_time(certificate: x509.Certificate, path: Path, now: datetime) -> None:
+    """Refuse a certificate outside its time.
+
+    Raises:
+        KeysError: it is not valid yet, or no longer.
+    """
+    begin, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
+    if now < begin:
+        raise KeysError(
+            f"{path}: not valid before {date_text(begin)}, and the clock here says {date_text(now)}; "
+            "set the clock"
+        )
+    if now > end:
+        help_text = _NEW_AUTHORITY if path.name == AUTHORITY_FILE else RENEW
+        raise KeysError(
+            f"{path}: expired on {date_text(end)}, and the clock here says {date_text(now)}; if the clock is "
+            f"right, {help_text}"
+        )
+
+
+def name_in(certificate: x509.Certificate, path: Path) -> str:
+    """The common name in a certificate.
+
+    Raises:
+        KeysError: there is not exactly one.
+    """
+    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    if len(names) != 1:
+        raise KeysError(f"{path}: one common name is expected in it, found {len(names)}; {_COPY_AGAIN}")
+    return str(names[0].value)
+
+
+def holder_text(name: str) -> str:
+    """Whose keys these are, for people."""
+    return {WORLD_NAME: "the world", BENCH_NAME: "the bench"}.get(name, f"robot {name}")
+
+
+def date_text(time: datetime) -> str:
+    """A time for people, in the time zone of this device."""
+    return f"{time.astimezone():%Y-%m-%d %H:%M %Z}"
+
+
+_DAMAGED = (
+    ValueError,
+    UnsupportedAlgorithm,
+    x509.DuplicateExtension,
+    x509.InvalidVersion,
+    x509.UnsupportedGeneralNameType,
+)
+"""What the library raises for a certificate that it cannot read."""
+_SEPARATORS = ";?"
+"""Zenoh hands the paths on in one text, in which these stand between them."""
+_COPY_AGAIN = "copy the folder here again as 'unspoken keys' made it"
+_NEW_AUTHORITY = "make new keys for everybody with 'unspoken keys create'"
+
+
+def _check_folder(folder: Path) -> None:
+    try:
+        folder.stat()
+    except FileNotFoundError:
+        raise KeysError(
+            f"{folder}: there is no such folder; the keys of this device are expected in it, as "
+            "'unspoken keys create' makes them"
+        ) from None
+    except OSError as error:
+        raise KeysError(f"{folder}: cannot be read: {error.strerror}") from None
+    if found := [sign for sign in _SEPARATORS if sign in str(folder)]:
+        raise KeysError(
+            f"{folder}: Zenoh opens no keys at a path with '{found[0]}'; choose another name for the folder"
+        )
+
+
+def _read(path: Path) -> tuple[bytes, int]:
+    """Content and mode of a file."""
+    try:
+        with path.open("rb") as file:
+            return file.read(), os.fstat(file.fileno()).st_mode & 0o777
+    except FileNotFoundError:
+        raise KeysError(f"{path}: this file is missing; {_COPY_AGAIN}") from None
+    except OSError as error:
+        raise KeysError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def _check_issuer(certificate: x509.Certificate, authority: x509.Certificate, folder: Path) -> None:
+    try:
+        certificate.verify_directly_issued_by(authority)
+    except (ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm):
+        raise KeysError(
+            f"{folder / CERTIFICATE_FILE}: not signed by the authority in {AUTHORITY_FILE} beside it; the "
+            "keys of all devices must come from one 'unspoken keys create'; copy the folder here again"
+        ) from None
