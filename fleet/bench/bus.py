@@ -12,11 +12,11 @@ from fleet.bench.crossings import circle
 from fleet.bench.durations import Distribution, Record
 from fleet.bench.layout import new_table, number
 from fleet.bench.settings import Settings
+from fleet.bench.stars import Protection, star
 from fleet.bench.watch import Watch
 from fleet.crew import Crew, ProcessFailedError
 from protocol.keys import Keys
 from protocol.messages import PublicScene
-from protocol.session import world_session
 from world.bus import Bus
 from world.inbox import Inbox
 from world.world import World
@@ -32,6 +32,8 @@ class BusRow(Record):
     """Rounds with one number of robots, each in a process of its own."""
 
     robots: int
+    protection: str
+    """What keeps robots from each other, and the link; as the table names it."""
     rounds: int
     wall: Distribution
     """From the first observation put until the last command is there: both ways, packing and checking of
@@ -39,34 +41,37 @@ class BusRow(Record):
 
 
 def measure(settings: Settings, watch: Watch) -> Iterator[BusRow]:
-    """One row for each number of robots."""
+    """One row for each number of robots and each protection."""
     for robots in settings.robots:
-        yield _row(robots, settings.rounds, watch)
+        for protection in Protection:
+            yield _row(robots, protection, settings.rounds, watch)
 
 
-def _row(robots: int, rounds: int, watch: Watch) -> BusRow:
+def _row(robots: int, protection: Protection, rounds: int, watch: Watch) -> BusRow:
     scenario, keys = circle(robots), Keys(RUN)
     scene = PublicScene(epoch=EPOCH, scene=scenario.scene(with_goals=False))
     observations = World(scenario, seed=0, epoch=EPOCH).observations()
     inbox = Inbox(observations)
     durations_ms = []
     with tempfile.TemporaryDirectory(prefix="unspoken-bench-") as directory, Crew(Path(directory)) as crew:
-        endpoint = f"unixsock-stream/{directory}/world.sock"
-        with zenoh.open(world_session(endpoint).to_zenoh()) as session:
+        bus_star = star(protection, Path(directory), keys, list(observations))
+        with zenoh.open(bus_star.world.to_zenoh()) as session:
             bus = Bus(session, keys, scene, tuple(observations), inbox)
             for robot in observations:
-                settings = {"robot": robot, "run": RUN, "connect": endpoint}
-                crew.start(f"echo-{robot}", "fleet.bench.echo", settings)
+                settings = {"robot": robot, "run": RUN, "connect": bus_star.connect}
+                crew.start(f"echo-{robot}", "fleet.bench.echo", settings | bus_star.proofs[robot])
             _wait_for_all(robots, inbox, crew, watch)
             for step in range(rounds):
-                watch.tell(f"bus: {robots} robots, round {step + 1}")
+                watch.tell(f"bus: {robots} robots, {protection}, round {step + 1}")
                 now = {robot: each.model_copy(update={"step": step}) for robot, each in observations.items()}
                 inbox.begin_step()
                 begin_s = time.perf_counter()
                 bus.publish_observations(now)
                 gather(set(now), inbox)
                 durations_ms.append(1e3 * (time.perf_counter() - begin_s))
-    return BusRow(robots=robots, rounds=rounds, wall=Distribution.of(durations_ms))
+    return BusRow(
+        robots=robots, protection=protection.value, rounds=rounds, wall=Distribution.of(durations_ms)
+    )
 
 
 def _wait_for_all(robots: int, inbox: Inbox, crew: Crew, watch: Watch) -> None:
@@ -92,9 +97,10 @@ def gather(awaited: set[str], inbox: Inbox) -> None:
 
 
 def table(rows: Iterable[BusRow]) -> Table:
-    """One row a number of robots."""
+    """One row a number of robots and protection."""
     result = new_table(
         "Bus alone: a step's observations out, all its commands back",
+        "Protection",
         "Robots",
         "Rounds",
         "Wall ms\nmedian",
@@ -104,5 +110,5 @@ def table(rows: Iterable[BusRow]) -> Table:
     for row in rows:
         wall = row.wall
         numbers = map(number, (wall.median_ms, wall.p99_ms, wall.max_ms))
-        result.add_row(str(row.robots), str(row.rounds), *numbers)
+        result.add_row(row.protection, str(row.robots), str(row.rounds), *numbers)
     return result

@@ -1,12 +1,15 @@
 """``python -m fleet.bench.echo``: a robot on the bus that answers every pose at once, without a thought."""
 
 import os
+from datetime import UTC, datetime
+from pathlib import Path
 
 import structlog
 import zenoh
 
 from agent.inbox import Inbox
 from protocol.codec import encode
+from protocol.identity import client_identity
 from protocol.keys import Keys
 from protocol.messages import Command
 from protocol.session import client_session
@@ -18,7 +21,9 @@ def main() -> None:
     robot, keys = os.environ["UNSPOKEN_ROBOT"], Keys(os.environ["UNSPOKEN_RUN"])
     inbox = Inbox(structlog.get_logger("echo"))
     on_wish_to_end(inbox.close)
-    with zenoh.open(client_session(os.environ["UNSPOKEN_CONNECT"]).to_zenoh()) as session:
+    connect, given = os.environ["UNSPOKEN_CONNECT"], {name: _path(name) for name in ("PASSWORD_FILE", "KEYS")}
+    identity = client_identity(robot, connect, given["PASSWORD_FILE"], given["KEYS"], datetime.now(UTC))
+    with zenoh.open(client_session(connect, identity).to_zenoh()) as session:
         _poses = session.declare_subscriber(
             keys.pose(robot), lambda sample: inbox.store(sample.payload.to_bytes())
         )
@@ -32,6 +37,11 @@ def main() -> None:
                 acceleration_mps2=0.0,
             )
             session.put(keys.command(robot), encode(command))
+
+
+def _path(name: str) -> Path | None:
+    value = os.environ.get(f"UNSPOKEN_{name}")
+    return None if value is None else Path(value)
 
 
 if __name__ == "__main__":

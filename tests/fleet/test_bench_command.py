@@ -14,6 +14,7 @@ from fleet.bench import bus
 from fleet.bench.figures import SECTIONS, Figures, Section
 from fleet.bench.report import Report
 from fleet.bench.settings import SectionName, Settings
+from fleet.bench.stars import Protection
 from fleet.bench.startup import StartupRow, table
 from fleet.bench.targets import judge
 from fleet.bench.watch import Watch
@@ -113,9 +114,10 @@ def test_real_processes_are_measured(tmp_path: Path):
     result = unspoken_bench(*sections, *LITTLE, "--json", path)
     assert result.exit_code == 0, result.output
     figures = Report.model_validate_json(path.read_text()).figures
-    (exchange,) = figures.bus
-    assert (exchange.robots, exchange.rounds) == (2, 5)
-    assert 0.0 < exchange.wall.median_ms <= exchange.wall.p99_ms <= exchange.wall.max_ms
+    assert [row.protection for row in figures.bus] == list(Protection)
+    for exchange in figures.bus:
+        assert (exchange.robots, exchange.rounds) == (2, 5)
+        assert 0.0 < exchange.wall.median_ms <= exchange.wall.p99_ms <= exchange.wall.max_ms
     lockstep, realtime = figures.runs
     assert (lockstep.clock, lockstep.verdict, lockstep.deadline_misses) == ("lockstep", "arrived", 0)
     assert realtime.clock == "realtime"
