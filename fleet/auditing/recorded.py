@@ -71,7 +71,7 @@ class RecordedRun:
         return list(self._on(self.keys.mind(robot), Mind))
 
     def readable_by(self, robot: str) -> tuple[str, str]:
-        """The keys that a robot reads; the router's policy lets it read no others."""
+        """The keys that a robot reads; the router's policy (``protocol.policy``) lets it read no others."""
         return (self.keys.pose(robot), self.keys.scene)
 
     def strays(self) -> list[Difference]:
