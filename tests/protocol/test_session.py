@@ -2,10 +2,12 @@
 
 import json
 import shutil
+import socket
 import tempfile
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from queue import Queue
 from typing import Any
@@ -137,3 +139,45 @@ def test_robots_and_bench_are_linked_to_the_world_and_to_nobody_else(endpoint: s
             assert client.info.routers_zid() == [world.info.zid()]
             assert client.info.peers_zid() == []
         assert world.info.peers_zid() == []
+
+
+IDLE_SOCKETS = 150
+
+
+@contextmanager
+def idle_sockets(port: int) -> Iterator[None]:
+    """Connections that are opened and never say a word."""
+    with ExitStack() as sockets:
+        for _ in range(IDLE_SOCKETS):
+            sockets.enter_context(socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S))
+        yield
+
+
+def is_let_in(port: int) -> bool:
+    """Whether a newcomer gets in within the time that a world gives a half-open connection, and some more."""
+    settings = client_session(f"tcp/127.0.0.1:{port}")
+    impatient = settings.connect.model_copy(update={"timeout_ms": 4000, "exit_on_failure": True})
+    try:
+        session = zenoh.open(settings.model_copy(update={"connect": impatient}).to_zenoh())
+    except zenoh.ZError:
+        return False
+    session.close()
+    return True
+
+
+def open_at_a_free_port(of_ours: bool) -> tuple[zenoh.Session, int]:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    endpoint = f"tcp/127.0.0.1:{port}"
+    plain = zenoh.Config.from_json5(json.dumps({"mode": "router", "listen": {"endpoints": [endpoint]}}))
+    return zenoh.open(world_session(endpoint).to_zenoh() if of_ours else plain), port
+
+
+@pytest.mark.parametrize("of_ours", [True, False], ids=["our world", "Zenoh's own router"])
+def test_half_open_connections_keep_nobody_out(of_ours: bool) -> None:
+    session, port = open_at_a_free_port(of_ours)
+    with session:
+        assert is_let_in(port)
+        with idle_sockets(port):
+            assert is_let_in(port) == of_ours  # with Zenoh's own settings they would
