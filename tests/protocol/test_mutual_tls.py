@@ -136,6 +136,8 @@ def test_a_robot_of_another_authority_is_refused(world_keys: Path, good: Path, t
     with world_with(world_keys) as (_, endpoint):
         assert not is_let_in(endpoint, stranger)
         assert is_let_in(endpoint, good)
+    with world_with(world_keys, mtls=False) as (_, endpoint):
+        assert is_let_in(endpoint, stranger)
 
 
 def test_a_robot_refuses_the_world_of_another_authority(
