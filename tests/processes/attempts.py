@@ -5,7 +5,7 @@ import secrets
 import socket
 import struct
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
 
 from network_namespaces import BROADCAST_ADDRESS, INTERFACE, Place
@@ -114,7 +114,7 @@ ATTEMPTS: tuple[Attempt, ...] = (
 
 
 def got_through(
-    attempts: Iterable[Attempt], pairs: Iterable[tuple[Place, Place]]
+    attempts: Collection[Attempt], pairs: Collection[tuple[Place, Place]]
 ) -> set[tuple[str, str, str]]:
     """Try all at once; attempt, source and target of those that got through."""
     tries = [(attempt, source, target) for attempt in attempts for source, target in pairs]

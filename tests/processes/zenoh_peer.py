@@ -32,7 +32,7 @@ def connect(endpoint: str) -> None:
         listened_to = threading.Event()
         publisher.declare_matching_listener(lambda _: listened_to.set())
         if publisher.matching_status.matching or listened_to.wait(CONNECT_MS / 1000.0):
-            publisher.put(GREETING, congestion_control=zenoh.CongestionControl.BLOCK)
+            publisher.put(GREETING)
         else:
             sys.exit("nobody listens")
 
