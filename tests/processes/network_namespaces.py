@@ -124,7 +124,7 @@ class Network:
     """
 
     def __init__(self, *, isolated: bool) -> None:
-        self._isolated = isolated
+        self.isolated = isolated
         self.world = Place(WORLD)
         self.robots = tuple(Place(name) for name in HOSTS if name != WORLD)
         self.places = (self.world, *self.robots)
@@ -157,7 +157,7 @@ class Network:
         port = f"to-{place.name}"
         self._link("add", port, "type", "veth", "peer", "name", INTERFACE, "netns", place.namespace)
         self._link("set", port, "master", BRIDGE, "up")
-        if self._isolated and place != self.world:
+        if self.isolated and place != self.world:
             command("bridge", "-n", self._bridge, "link", "set", "dev", port, "isolated", "on")
         own = ("ip", "-n", place.namespace)
         command(*own, "link", "set", "lo", "up")

@@ -87,11 +87,10 @@ def test_a_run_with_keys_arrives_across_namespaces(network, process, tmp_path):
 
 
 @pytest.mark.parametrize("network", [True, False], ids=["isolated", "not isolated"], indirect=True)
-def test_robots_reach_the_world_and_one_another_only_if_their_ports_are_not_isolated(network, request):
-    isolated = request.node.callspec.params["network"]
+def test_robots_reach_the_world_and_one_another_only_if_their_ports_are_not_isolated(network):
     everybody = set(permutations(network.places, 2))
     among_robots = set(permutations(network.robots, 2))
-    open_to_each_other = everybody - among_robots if isolated else everybody
+    open_to_each_other = everybody - among_robots if network.isolated else everybody
     assert got_through(ATTEMPTS, everybody) == {
         (attempt.__name__, source.name, target.name)
         for attempt in ATTEMPTS
@@ -102,8 +101,7 @@ def test_robots_reach_the_world_and_one_another_only_if_their_ports_are_not_isol
 
 
 @pytest.mark.parametrize("network", [True, False], ids=["isolated", "not isolated"], indirect=True)
-def test_zenoh_peers_of_two_robots_find_each_other_only_if_ports_are_not_isolated(network, process, request):
-    isolated = request.node.callspec.params["network"]
+def test_zenoh_peers_of_two_robots_find_each_other_only_if_ports_are_not_isolated(network, process):
     one, two, _ = network.robots
     endpoint = f"tcp/{one.address}:7448"
 
@@ -114,7 +112,7 @@ def test_zenoh_peers_of_two_robots_find_each_other_only_if_ports_are_not_isolate
     listener = peer("listener", one, "listen")
     listener.tells("ready")
     from_robot = peer("from-robot", two, "connect")
-    if isolated:
+    if network.isolated:
         assert from_robot.end() == 1, from_robot.complained
         assert "Unable to connect" in from_robot.complained
         # It does listen: the world's greeting comes, and before it none of the robot's.
