@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -85,17 +85,23 @@ class Process:
         arguments: of the command line.
         cwd: where it stands.
         env: added to the environment.
+        program: what is run, if not ``unspoken`` alone.
     """
 
     def __init__(
-        self, directory: Path, *arguments: object, cwd: Path | None = None, env: Mapping[str, object] = {}
+        self,
+        directory: Path,
+        *arguments: object,
+        cwd: Path | None = None,
+        env: Mapping[str, object] = {},
+        program: Sequence[object] = (UNSPOKEN,),
     ) -> None:
         directory.mkdir(exist_ok=True)
         self._stdout, self._stderr = directory / "stdout", directory / "stderr"
         clean = {name: value for name, value in os.environ.items() if not name.startswith("UNSPOKEN_")}
         with self._stdout.open("wb") as stdout, self._stderr.open("wb") as stderr:
             self._process = subprocess.Popen(
-                [str(UNSPOKEN), *map(str, arguments)],
+                [*map(str, program), *map(str, arguments)],
                 stdin=subprocess.DEVNULL,
                 stdout=stdout,
                 stderr=stderr,
