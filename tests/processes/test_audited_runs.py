@@ -55,6 +55,7 @@ def test_a_run_in_real_time_follows_though_the_clock_cut_decisions_short(tmp_pat
     assert sum(numbers(report, "minds").values()) == len(minds)
 
 
+@pytest.mark.slow
 def test_a_run_follows_though_its_robots_were_too_slow_for_most_steps(tmp_path, bench, audited):
     """With steps of a millisecond, the reference solver cannot keep up."""
     scenario = write_scenario(tmp_path / "hasty.yaml", lanes(2, 9.0), step_s=0.001, time_limit_s=0.5)
@@ -66,6 +67,7 @@ def test_a_run_follows_though_its_robots_were_too_slow_for_most_steps(tmp_path, 
     assert all(minds[robot] < seen for robot, seen in numbers(report, "observations").items())
 
 
+@pytest.mark.slow
 def test_a_run_follows_up_to_where_it_was_interrupted(tmp_path, bench, audited):
     run = bench("out", "run", endless(tmp_path / "endless.yaml", 2))
     run.reach(10)

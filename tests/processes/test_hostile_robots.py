@@ -65,6 +65,7 @@ class Watched:
         self._session.close()
 
 
+@pytest.mark.slow
 def test_two_flooding_robots_hold_up_neither_the_third_nor_the_world(tmp_path, bench):
     run = bench("out", "run", endless(tmp_path / "endless.yaml", 3))
     run.reach(5)

@@ -52,6 +52,7 @@ def keys_for(network: Network, directory: Path) -> Path:
     return directory
 
 
+@pytest.mark.slow
 def test_a_run_with_keys_arrives_across_namespaces(network, process, tmp_path):
     keys = keys_for(network, tmp_path / "keys")
     scenario = write_scenario(

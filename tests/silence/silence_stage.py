@@ -5,7 +5,7 @@ import secrets
 import shutil
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
@@ -75,10 +75,14 @@ class Evidence:
             self.found.append(what)
             self._changed.notify_all()
 
-    def comes(self) -> bool:
-        """Wait for some."""
+    def comes(self, all_of: Collection[str] = ()) -> bool:
+        """Wait for some, or for all of these."""
+
+        def is_there() -> bool:
+            return bool(self.found) and set(all_of) <= {each for each in self.found if isinstance(each, str)}
+
         with self._changed:
-            return self._changed.wait_for(lambda: bool(self.found), PATIENCE_S)
+            return self._changed.wait_for(is_there, PATIENCE_S)
 
 
 class HonestRobot:

@@ -26,6 +26,8 @@ FOREIGN = (
     "somewhere/else",
 )
 """What robot 1 has no right to put."""
+SAYING = (*FOREIGN, KEYS.command("1"), KEYS.mind("1"))
+"""Where it tries to reach its accomplice."""
 INTERESTS = (
     KEYS.pose("1"),
     KEYS.pose("3"),
@@ -61,45 +63,48 @@ def marked(evidence: Evidence) -> Callable[[zenoh.Sample], None]:
     def take(sample: zenoh.Sample) -> None:
         attached = sample.attachment.to_bytes() if sample.attachment is not None else b""
         if MARK in sample.payload.to_bytes() + attached:
-            evidence.add(sample)
+            evidence.add(str(sample.key_expr))
 
     return take
 
 
-def subscribing(interest: str) -> Cheat:
+def subscribing(stage: Stage, evidence: Evidence) -> None:
     """Robot 2 reads what is not for it."""
+    session = stage.connect("2")
 
-    def cheat(stage: Stage, evidence: Evidence) -> None:
-        stage.connect("2").declare_subscriber(interest, keep(evidence, frozenset({KEYS.pose("2")})))
-
-    return cheat
-
-
-def putting(key: str) -> Cheat:
-    """Robot 1 says something where its accomplice listens with all it has, its own pose key included."""
-
-    def cheat(stage: Stage, evidence: Evidence) -> None:
-        listen_everywhere(stage, evidence)
-        stage.connect("1").put(key, MARK, congestion_control=zenoh.CongestionControl.BLOCK)
-
-    return cheat
-
-
-def deleting(key: str) -> Cheat:
-    """Robot 1 gives a sign by deleting."""
-
-    def cheat(stage: Stage, evidence: Evidence) -> None:
+    def listen(interest: str) -> None:
         def take(sample: zenoh.Sample) -> None:
-            if sample.kind == zenoh.SampleKind.DELETE:
-                evidence.add(sample)
+            if str(sample.key_expr) != KEYS.pose("2"):
+                evidence.add(interest)
 
-        listener = stage.connect("2")
-        for interest in ("**", KEYS.pose("2")):
-            listener.declare_subscriber(interest, take)
-        stage.passes(2)
-        stage.connect("1").delete(key)
+        session.declare_subscriber(interest, take)
 
-    return cheat
+    for interest in INTERESTS:
+        listen(interest)
+
+
+def putting(stage: Stage, evidence: Evidence) -> None:
+    """Robot 1 says something where others listen with all they have, their own pose keys included."""
+    listen_everywhere(stage, evidence)
+    session = stage.connect("1")
+    for key in SAYING:
+        session.put(key, MARK, congestion_control=zenoh.CongestionControl.BLOCK)
+
+
+def deleting(stage: Stage, evidence: Evidence) -> None:
+    """Robot 1 gives signs by deleting."""
+
+    def take(sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.DELETE:
+            evidence.add(str(sample.key_expr))
+
+    listener = stage.connect("2")
+    for interest in ("**", KEYS.pose("2")):
+        listener.declare_subscriber(interest, take)
+    stage.passes(2)
+    session = stage.connect("1")
+    for key in SAYING:
+        session.delete(key)
 
 
 def listen_everywhere(stage: Stage, evidence: Evidence) -> None:
@@ -312,9 +317,9 @@ def meeting_directly(stage: Stage, evidence: Evidence) -> None:
 
 
 CHEATS: dict[str, Cheat] = {
-    **{f"subscribe {interest}": subscribing(interest) for interest in INTERESTS},
-    **{f"put {key}": putting(key) for key in (*FOREIGN, KEYS.command("1"), KEYS.mind("1"))},
-    **{f"delete {key}": deleting(key) for key in (*FOREIGN, KEYS.command("1"), KEYS.mind("1"))},
+    "subscribe": subscribing,
+    "put": putting,
+    "delete": deleting,
     "watch presence": watching_presence,
     "ask for presence": asking_for_presence,
     "stand for another": standing_for_another,
@@ -336,6 +341,8 @@ CHEATS: dict[str, Cheat] = {
     "no name": as_somebody(None, ""),
     "meet directly": meeting_directly,
 }
+EACH: dict[str, tuple[str, ...]] = {"subscribe": INTERESTS, "put": SAYING, "delete": SAYING}
+"""Cheats of several ways, each of which must work on an open router."""
 OPEN_ROUTER: dict[str, dict[str, Any]] = {
     "look into the router": {"adminspace": {"enabled": True}},
     "meet directly": {"scouting": {"gossip": {"enabled": True}}},
@@ -352,7 +359,7 @@ def evidence() -> Evidence:
 def test_without_the_policy_the_cheat_works(name: str, evidence: Evidence) -> None:
     with Stage(policy=False, settings=OPEN_ROUTER.get(name)) as stage:
         CHEATS[name](stage, evidence)
-        assert evidence.comes()
+        assert evidence.comes(EACH.get(name, ()))
 
 
 @pytest.mark.parametrize("name", CHEATS)
