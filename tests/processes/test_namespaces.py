@@ -19,7 +19,10 @@ from fleet.certificates.devices import Device, Host
 from fleet.certificates.folders import create
 from protocol.keys import WORLD_NAME
 
-pytestmark = pytest.mark.skipif(bool(network_namespaces.why_not()), reason=network_namespaces.why_not())
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(bool(network_namespaces.why_not()), reason=network_namespaces.why_not()),
+]
 
 LENGTH_M = 0.5
 
@@ -52,7 +55,6 @@ def keys_for(network: Network, directory: Path) -> Path:
     return directory
 
 
-@pytest.mark.slow
 def test_a_run_with_keys_arrives_across_namespaces(network, process, tmp_path):
     keys = keys_for(network, tmp_path / "keys")
     scenario = write_scenario(

@@ -92,6 +92,7 @@ class HonestRobot:
         self.robot = robot
         self.got: list[tuple[str, bytes]] = []
         self.session = stage.connect(robot)
+        self._using, self._left = threading.Lock(), False
         self._subscriber = self.session.declare_subscriber(KEYS.pose(robot), self._answer)
         self._token = self.session.liveliness().declare_token(KEYS.alive(robot))
 
@@ -102,12 +103,15 @@ class HonestRobot:
             step = decode(Observation, payload).step
         except MessageError:
             return  # a forged pose; the test looks for it in what was got
-        self.session.put(KEYS.mind(self.robot), b"a thought")
-        self.session.put(KEYS.command(self.robot), encode(honest(self.robot, step)))
+        with self._using:
+            if not self._left:
+                self.session.put(KEYS.mind(self.robot), b"a thought")
+                self.session.put(KEYS.command(self.robot), encode(honest(self.robot, step)))
 
     def leave(self) -> None:
         """Answer no more; a session cannot be closed while it is being used."""
-        self._subscriber.undeclare()
+        with self._using:
+            self._left = True
 
 
 class Stage:

@@ -46,6 +46,7 @@ def play(stage: Stage, game: Game, evidence: Evidence) -> None:
     subscriber = session.declare_subscriber(KEYS.pose("1"), say)
     stage.passes(20)
     subscriber.undeclare()
+    stage.passes(2)  # nobody uses the session any more when it is closed
     for truth in stage.truths:
         if truth.robots["1"].turn_rate_radps != 0.0:
             evidence.add(truth)
