@@ -3,13 +3,15 @@
 import hashlib
 import re
 import subprocess
-import sys
 import tomllib
 from functools import cache
 from pathlib import Path
 
 import pytest
 from markdown_it import MarkdownIt
+from typer.testing import CliRunner
+
+from fleet.cli import app
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -68,11 +70,10 @@ def commands_in(document, program):
 
 @cache
 def help_of(*command):
-    """What the installed ``unspoken`` says about a command."""
-    unspoken = Path(sys.executable).parent / "unspoken"
-    said = subprocess.run([unspoken, *command, "--help"], capture_output=True, text=True)
-    assert said.returncode == 0, said.stderr
-    return said.stdout
+    """What ``unspoken`` says about a command."""
+    said = CliRunner().invoke(app, [*command, "--help"])
+    assert said.exit_code == 0, said.output
+    return said.output
 
 
 @pytest.mark.parametrize("text", REGISTRY_HOSTS + PLACES_OF_A_MACHINE)

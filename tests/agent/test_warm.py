@@ -80,14 +80,14 @@ def answer_of(program, *arguments, **environment):
     return json.loads(said.stdout)
 
 
-MANY_SOLUTIONS = "kalman-filter"
-"""Solves the joint problem of twelve robots 49 times a step, by kernels that the other estimators use too."""
+TAKE_LONG = ("joint-fit", "kalman-filter")
+"""They solve the joint problem of twelve robots many times a step, by kernels that the others use too."""
 
 
 @pytest.mark.parametrize(
     "goals",
     [
-        pytest.param(goals, marks=pytest.mark.slow) if goals == MANY_SOLUTIONS else goals
+        pytest.param(goals, marks=pytest.mark.slow) if goals in TAKE_LONG else goals
         for goals in get_args(GoalsName)
     ],
 )

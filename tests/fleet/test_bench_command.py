@@ -108,6 +108,7 @@ def test_without_reference_nothing_is_compared():
     assert json.loads(result.stdout)["figures"]["comparison"] == []
 
 
+@pytest.mark.slow
 def test_real_processes_are_measured(tmp_path: Path):
     path = tmp_path / "report.json"
     sections = ("--only", "bus", "--only", "runs", "--only", "startup")

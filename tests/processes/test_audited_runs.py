@@ -44,6 +44,7 @@ def test_a_run_in_lock_step_follows(tmp_path, bench, process, audited):
     assert "All 20 decisions of robot 2 follow" in replay.told
 
 
+@pytest.mark.slow
 def test_a_run_in_real_time_follows_though_the_clock_cut_decisions_short(tmp_path, bench, audited):
     scenario = bundled_with(tmp_path / "scenario.yaml", "2-crossing", time_limit_s=3.0)
     run = bench("out", "run", scenario, "--clock", "realtime", "--budget-ms", 2)

@@ -74,6 +74,7 @@ class Colluders:
         self._two.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", ["--policy", "--no-policy"])
 def test_colluding_robots_learn_nothing_and_change_nothing(tmp_path, bench, process, policy):
     scenario = write_scenario(tmp_path / "scenario.yaml", lanes(3, 8.0))
