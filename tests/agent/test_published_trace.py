@@ -27,6 +27,9 @@ from world.world import World
 
 STEPS = 10
 WITHIN_M = 0.05
+EITHER_SOLVER = pytest.mark.parametrize(
+    "solver", ["realtime", pytest.param("reference", marks=pytest.mark.slow)]
+)
 Answers = Callable[[Mapping[str, Observation]], dict[str, Command]]
 
 
@@ -70,7 +73,7 @@ def test_the_scenario_is_the_published_one(scenario):
     assert [[robot.goal.x_m, robot.goal.y_m] for robot in scenario.robots] == data["goals"]
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
+@EITHER_SOLVER
 def test_the_joint_prediction_drives_all_robots_along_the_published_trace(scenario, solver):
     """One predictor speaks for all: with perfect sensing all would solve the same problem."""
     scene = scenario.scene(with_goals=True)
@@ -92,7 +95,7 @@ def test_the_joint_prediction_drives_all_robots_along_the_published_trace(scenar
     assert worst_deviation_m(scenario, driven(scenario, answers)) < WITHIN_M
 
 
-@pytest.mark.parametrize("solver", ["realtime", pytest.param("reference", marks=pytest.mark.slow)])
+@EITHER_SOLVER
 def test_eight_agents_drive_along_the_published_trace(scenario, solver):
     scene = scenario.scene(with_goals=True)
     agents = {

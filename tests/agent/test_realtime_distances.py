@@ -74,7 +74,8 @@ def test_there_is_a_row_for_each_gap_that_inputs_can_influence(seed, robots, obs
 def test_gaps_after_small_displacements_are_the_true_ones(seed, robots, obstacles, steps):
     random, states, others, safe = a_crowd(seed, robots, obstacles, steps)
     rows = rows_about(states, others, safe, AREA)
-    shifts = 1e-6 * random.normal(size=(robots, steps + 1, 2))
+    turns = random.uniform(0.0, math.tau, size=(robots, steps + 1))
+    shifts = 1e-6 * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
     np.testing.assert_array_equal(gaps_by_kernel(rows, 0.0 * shifts), rows.gap)
     there = states.copy()
     there[:, :, :2] += shifts

@@ -80,8 +80,8 @@ def answer_of(program, *arguments, **environment):
     return json.loads(said.stdout)
 
 
-TAKE_LONG = ("joint-fit", "kalman-filter")
-"""They solve the joint problem of twelve robots many times a step, by kernels that the others use too."""
+TAKE_LONG = ("exchanged", "constant-acceleration", "joint-fit", "kalman-filter")
+"""They solve the joint problem of twelve robots, or use what the others use too."""
 
 
 @pytest.mark.parametrize(

@@ -77,6 +77,7 @@ def test_a_recording_is_complete_although_the_machine_is_busy(bench):
     assert processes.keys() == drive(bench, "simulate", "simulate", "8a").keys()
 
 
+@pytest.mark.slow
 def test_noise_and_delay_follow_the_seed_and_nothing_else(tmp_path, bench):
     scenario = bundled_with(
         tmp_path / "scenario.yaml",

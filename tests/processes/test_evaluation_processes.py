@@ -69,6 +69,7 @@ def test_ctrl_c_ends_an_evaluation_and_the_same_command_goes_on(tmp_path: Path, 
     assert sorted(row.seed for row in read_rows(out)) == [0, 1, 2, 3]
 
 
+@pytest.mark.slow
 def test_the_run_of_a_worker_that_dies_is_made_again(tmp_path: Path, process):
     out = tmp_path / "out"
     evaluation = evaluate(
@@ -148,6 +149,7 @@ def cluster(tmp_path: Path, scheduler: DaskProcess) -> Iterator[str]:
         yield address
 
 
+@pytest.mark.slow
 def test_an_existing_dask_cluster_makes_the_runs(tmp_path: Path, process, cluster: str):
     with Client(cluster, set_as_default=False) as client:
         client.wait_for_workers(2, timeout=PATIENCE_S)
@@ -174,6 +176,7 @@ def test_a_cluster_that_dies_fails_no_run(tmp_path: Path, process, scheduler: Da
     assert read_rows(out) == []
 
 
+@pytest.mark.slow
 def test_without_a_scheduler_there_nothing_is_run(tmp_path: Path, process):
     evaluation = evaluate(process, tmp_path / "out", "--dask", "tcp://127.0.0.1:9")
     assert evaluation.end() == 2
