@@ -1,6 +1,7 @@
 """Algorithm 1: remember, estimate, predict, plan, act. No input or output, no clock, no thread."""
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import count
 from typing import NamedTuple
@@ -14,6 +15,7 @@ from agent.methods import method_of
 from agent.planning import Plan, plan_of
 from agent.prediction import Prediction
 from agent.solver import ITERATIONS, SolverName, joint_solver
+from agent.solver.problem import JointSolver
 from agent.stopwatch import Clock, Stopwatch
 from agent.vehicle import Array
 from protocol.arrival import has_arrived
@@ -70,6 +72,7 @@ class Agent:
         clock: times the phases for ``mind``; it changes no decision.
         iterations: of the real-time solver a problem, at most.
         deadline: after it a decision improves its trajectories no further; None for no limit.
+        through: what every trajectory problem goes through on its way to the solver.
 
     Raises:
         ValueError: the estimator needs something that the scene does not hold.
@@ -86,6 +89,7 @@ class Agent:
         clock: Clock,
         iterations: int = ITERATIONS,
         deadline: Deadline | None = None,
+        through: Callable[[JointSolver], JointSolver] = lambda solver: solver,
     ) -> None:
         self._robot = robot
         self._goal = goal
@@ -98,7 +102,7 @@ class Agent:
             limits_of=lambda each: scene.robot(each).limits,
         )
         self._deadline = deadline or Deadline(clock, None)
-        trajectories = joint_solver(solver, iterations, self._deadline)
+        trajectories = through(joint_solver(solver, iterations, self._deadline))
         method = method_of(goals, scene, robot, trajectories, self._deadline)
         self._estimator, self._predictor, self._planner = method
         self._arrived = False
@@ -136,6 +140,11 @@ class Agent:
     def withdraw(self) -> None:
         """Take back the command of the last decision, which came too late to be given."""
         self._given.pop()
+
+    def redirect(self, goal: Goal) -> None:
+        """Drive to another goal from the next decision on."""
+        self._goal = goal
+        self._arrived = False
 
     def _remember(self, observation: Observation) -> bool:
         seen = {robot: state.as_tuple() for robot, state in observation.robots.items()}

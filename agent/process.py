@@ -1,13 +1,15 @@
 """The thin shell around the core: poses come in over Zenoh, minds and commands go out."""
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
+from typing import Protocol
 
 import structlog
 import zenoh
 
-from agent.agent import Agent
+from agent.agent import Agent, Decision
 from agent.compiled import forbid_compiling
 from agent.deadline import Deadline
 from agent.estimation import GoalsName
@@ -18,7 +20,7 @@ from agent.warm import compile_in_background, warm_up
 from protocol.codec import decode, encode
 from protocol.identity import Identity
 from protocol.keys import Keys
-from protocol.messages import Message, Observation, PublicScene
+from protocol.messages import Command, Message, Observation, PublicScene
 from protocol.passwords import Login
 from protocol.scene import Goal, Scene
 from protocol.session import client_session, open_in_background
@@ -46,15 +48,52 @@ class RobotOptions:
     budget_s: float | None
 
 
+def make_agent(options: RobotOptions, scene: Scene) -> Agent:
+    """The algorithm itself.
+
+    Raises:
+        ValueError: the estimator needs something that the scene does not hold.
+    """
+    return Agent(
+        options.robot,
+        options.goal,
+        scene,
+        goals=options.goals,
+        solver=options.solver,
+        clock=time.perf_counter,
+        iterations=options.iterations,
+        deadline=Deadline(time.perf_counter, options.budget_s),
+    )
+
+
+class Decides(Protocol):
+    """A robot's mind; :class:`agent.agent.Agent` is one."""
+
+    def decide(self, observation: Observation) -> Decision | None:
+        """See :meth:`agent.agent.Agent.decide`."""
+
+    def withdraw(self) -> None:
+        """See :meth:`agent.agent.Agent.withdraw`."""
+
+
+MakeAgent = Callable[[RobotOptions, Scene], Decides]
+
+
 class SceneError(Exception):
     """The world's scene does not fit this robot; the text says why and what to do."""
 
 
 class RobotProcess:
-    """One robot on the bus, until it is stopped; worlds may come and go meanwhile."""
+    """One robot on the bus, until it is stopped; worlds may come and go meanwhile.
 
-    def __init__(self, options: RobotOptions) -> None:
+    Args:
+        options: what it is told.
+        make_agent: makes the robot's mind from these options and the scene of a world.
+    """
+
+    def __init__(self, options: RobotOptions, make_agent: MakeAgent = make_agent) -> None:
         self._options = options
+        self._make_agent = make_agent
         self._keys = Keys(options.run)
         self._log = structlog.get_logger("agent").bind(robot=options.robot)
         self._inbox = Inbox(self._log)
@@ -127,7 +166,7 @@ class RobotProcess:
             forbid_compiling()
             self._log.info("ready to decide", loaded_in_s=round(duration_s, 2))
 
-    def _join(self, session: zenoh.Session) -> tuple[Agent | None, int | None]:
+    def _join(self, session: zenoh.Session) -> tuple[Decides | None, int | None]:
         """Begin anew with the scene of the present world, and with its epoch; neither if stopped before."""
         while not self._stopped:
             for reply in session.get(self._keys.scene, timeout=SCENE_TIMEOUT_S):
@@ -138,7 +177,7 @@ class RobotProcess:
             time.sleep(SCENE_PAUSE_S)
         return None, None
 
-    def _agent(self, scene: Scene) -> Agent:
+    def _agent(self, scene: Scene) -> Decides:
         options = self._options
         if options.robot not in scene.robots:
             raise SceneError(
@@ -146,20 +185,11 @@ class RobotProcess:
                 "Start this robot with one of these ids, or the world with another scenario."
             )
         try:
-            return Agent(
-                options.robot,
-                options.goal,
-                scene,
-                goals=options.goals,
-                solver=options.solver,
-                clock=time.perf_counter,
-                iterations=options.iterations,
-                deadline=Deadline(time.perf_counter, options.budget_s),
-            )
+            return self._make_agent(options, scene)
         except ValueError as error:
             raise SceneError(str(error)) from error
 
-    def _answer(self, session: zenoh.Session, agent: Agent, observation: Observation) -> None:
+    def _answer(self, session: zenoh.Session, agent: Decides, observation: Observation) -> None:
         """Decide and publish.
 
         The mind goes first, so that it is recorded before the step can end. It goes even when it is too late
@@ -167,6 +197,8 @@ class RobotProcess:
         """
         decision = agent.decide(observation)
         if decision is None:
+            nothing = Command.withheld_at(observation.epoch, self._options.robot, observation.step)
+            self._put(session, self._keys.command(self._options.robot), nothing)
             return
         self._put(session, self._keys.mind(self._options.robot), decision.mind)
         if self._inbox.has_news():

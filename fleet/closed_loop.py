@@ -43,7 +43,7 @@ def closed_loop(
     agents = _agents(scenario, facts, clock)
     while not world.over:
         observations = world.observations()
-        decided = {robot: agent.decide(observations[robot]) for robot, agent in agents.items()}
+        decided = {robot: agents[robot].decide(seen) for robot, seen in observations.items()}
         decisions = {robot: decision for robot, decision in decided.items() if decision is not None}
         yield Moment(world.truth(), observations, decisions)
         if interrupted():

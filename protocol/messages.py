@@ -99,6 +99,21 @@ class Command(Message):
     then: tuple[Coordinate, Coordinate] | None = None
     """(ω, a) for the step after this one, should it get no command in time; None: brake."""
 
+    withheld: bool = False
+    """True: there is no command for this step, and none is to be awaited; the inputs mean nothing."""
+
+    @classmethod
+    def withheld_at(cls, epoch: int, robot: str, step: int) -> Self:
+        """What a robot says that has nothing to say, such as one that does not see itself."""
+        return cls(
+            epoch=epoch,
+            robot=robot,
+            step=step,
+            turn_rate_radps=0.0,
+            acceleration_mps2=0.0,
+            withheld=True,
+        )
+
     @property
     def input(self) -> Input:
         """(ω, a)."""
@@ -170,6 +185,11 @@ class Timings(_Strict):
 
 Phase = Literal["predict", "plan"]
 
+Degradation = Literal["extrapolation", "gate", "controlled stop", "solver failure", "intervention"]
+"""Why a robot does not drive as it would: it goes by where robots should be that it does not see; it has
+refused what no vehicle could have done; it stops until it sees enough; it could not solve a problem; or its
+last-resort monitor brakes."""
+
 
 class Mind(Message):
     """``mind/<robot>``: what a robot thought at a step; for recording and looking, never for robots."""
@@ -189,6 +209,10 @@ class Mind(Message):
     """Phases whose problem was not solved at this step."""
     solver_failures: Count
     """Problems not solved so far, since the robot joined this epoch."""
+    degraded: Annotated[tuple[Degradation, ...], Field(max_length=8)] = ()
+    """In which ways the robot is degraded at this step; empty: it is not."""
+    interventions: Count = 0
+    """How often the last-resort collision monitor has begun to brake so far."""
     cut_short_at: Count | None
     """At which question whether its time is over, counted from 0, it was; None: it had time enough."""
     timings_ms: Timings

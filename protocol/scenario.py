@@ -10,7 +10,7 @@ from typing import Annotated, Self
 from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from protocol.keys import Name
+from protocol.faults import Faults, Id, Interval, as_tuple
 from protocol.scene import MAX_ROBOTS, Goal, Metres, NonNegative, PublicRobot, Rules, Scene, Settings
 
 MAX_DELAY_STEPS = 10
@@ -43,17 +43,19 @@ class Sensing(Settings):
     """How many steps old the view of the others is."""
 
 
-def _id_as_text(value: object) -> object:
-    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
-
-
 class ScenarioRobot(PublicRobot):
     """One robot: its id, its way, its body and limits, and its own sensing where it differs."""
 
-    id: Annotated[Name, BeforeValidator(_id_as_text)]
+    id: Id
     start: Pose
     goal: Pose
     sensing: Sensing | None = None
+    absences_s: Annotated[tuple[Interval, ...], BeforeValidator(as_tuple), Field(max_length=16)] = ()
+    """When the robot is not in the scene, from and to, in s: it is not seen, not met, and does not move."""
+
+    def is_present(self, time_s: float) -> bool:
+        """Whether the robot is in the scene at a time since step 0."""
+        return not any(begin_s <= time_s < end_s for begin_s, end_s in self.absences_s)
 
     def start_state(self) -> tuple[float, float, float, float]:
         """(p_x, p_y, ψ, v) at step 0: standing."""
@@ -76,6 +78,8 @@ class Scenario(Rules):
     time_limit_s: Annotated[float, Field(gt=0, le=1e5)] = 60.0
     sensing: Sensing = Sensing()
     robots: Annotated[list[ScenarioRobot], Field(min_length=1, max_length=MAX_ROBOTS)]
+    faults: Faults = ()
+    """What is to break during the run."""
 
     def scene(self, *, with_goals: bool) -> Scene:
         """What everybody may know; the goals only for a run with exchanged goals."""

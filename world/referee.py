@@ -17,6 +17,7 @@ DEADLOCK_DISTANCE_M = 0.05
 class Referee:
     """Judges a run by the true states at the steps; what lies between two steps is not looked at.
 
+    - Robots that are not in the scene are not judged, and those that have left it for good not awaited.
     - A robot has arrived at the first step at which the arrival rule holds; it stays arrived.
     - Two robots have collided when their centres come closer than their radii allow. The run goes on.
     - Deadlock: before all have arrived, every robot has driven less than 0.05 m within the last 5 s. The
@@ -36,6 +37,7 @@ class Referee:
 
     def __init__(self, scenario: Scenario) -> None:
         self._time_s = scenario.time_s
+        self._robots = scenario.robots
         self._tolerance = scenario.arrival_tolerance
         self._goals = {robot.id: robot.goal_pose().as_state() for robot in scenario.robots}
         scene = scenario.scene(with_goals=False)
@@ -58,12 +60,12 @@ class Referee:
 
         Args:
             step: its number.
-            states: true states of all robots at this step.
+            states: true states of all robots that are in the scene at this step.
         """
         self._measure_way(states)
         self._measure_distances(states)
-        for robot, goal in self._goals.items():
-            if self.arrived_s[robot] is None and has_arrived(states[robot], goal, self._tolerance):
+        for robot, state in states.items():
+            if self.arrived_s[robot] is None and has_arrived(state, self._goals[robot], self._tolerance):
                 self.arrived_s[robot] = self._time_s(step)
         self.verdict = self._judge(step)
 
@@ -74,15 +76,15 @@ class Referee:
 
     def _measure_way(self, states: Mapping[str, VehicleState]) -> None:
         if self._before is not None:
-            for robot, now in states.items():
-                before = self._before[robot]
+            for robot in states.keys() & self._before.keys():
+                now, before = states[robot], self._before[robot]
                 self.driven_m[robot] += math.hypot(now.x_m - before.x_m, now.y_m - before.y_m)
         self._before = states
         self._driven_before.append(dict(self.driven_m))
 
     def _measure_distances(self, states: Mapping[str, VehicleState]) -> None:
-        for (one, other), least_m in self._collision_distance_m.items():
-            a, b = states[one], states[other]
+        for one, other in combinations(states, 2):
+            a, b, least_m = states[one], states[other], self._collision_distance_m[one, other]
             distance_m = math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
             if self.minimum_distance_m is None or distance_m < self.minimum_distance_m:
                 self.minimum_distance_m = distance_m
@@ -91,13 +93,24 @@ class Referee:
 
     def _judge(self, step: int) -> Verdict | None:
         verdict: Verdict | None = None
-        if None not in self.arrived_s.values():
+        if all(self.arrived_s[robot] is not None for robot in self._awaited(step)):
             verdict = "arrived"
         elif self._nobody_moves():
             verdict = "deadlock"
         elif step >= self._last_step:
             verdict = "timeout"
         return "collision" if verdict and self.collisions else verdict
+
+    def _awaited(self, step: int) -> set[str]:
+        """Robots that are to arrive: all but those that have left for good."""
+        last_s = self._time_s(self._last_step)
+        return {
+            robot.id
+            for robot in self._robots
+            if not any(
+                begin_s <= self._time_s(step) and end_s > last_s for begin_s, end_s in robot.absences_s
+            )
+        }
 
     def _nobody_moves(self) -> bool:
         if len(self._driven_before) < (self._driven_before.maxlen or 0):

@@ -98,7 +98,7 @@ class Run:
             self._bus.publish_truth(self._truth())
             self._gather()
             if not self._interrupted:
-                self._misses.add(robot for robot in self._world.robots if robot not in self._answers)
+                self._misses.add(robot for robot in self._world.present if self._has_missed(robot))
                 self._world.advance(self._answers)
         self._world.interrupt()
         truth = self._truth()
@@ -113,6 +113,9 @@ class Run:
             overruns=self._clock.overruns,
         )
         return truth
+
+    def _has_missed(self, robot: str) -> bool:
+        return robot not in self._answers or self._answers[robot].withheld
 
     def _truth(self) -> Truth:
         return self._world.truth(self._refusals.counts)
@@ -129,7 +132,7 @@ class Run:
         self._awaited = set()
         self._inbox.begin_step()
         self._receive(0.0)
-        self._awaited = set(self._present.intersection(self._world.robots))
+        self._awaited = set(self._present.intersection(self._world.present))
         self._clock.begin_step()
 
     def _gather(self) -> None:

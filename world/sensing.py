@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -60,7 +60,7 @@ class Sensors:
             speed_mps=sensing.speed_noise_mps,
         )
 
-    def see(self, states: Mapping[str, VehicleState]) -> View:
+    def see(self, states: Mapping[str, VehicleState], present: Collection[str] | None = None) -> View:
         """Observe all robots at the next step; every call draws anew.
 
         The observer is always in its own view, with noise; range (of the true positions), dropouts and delay
@@ -68,18 +68,20 @@ class Sensors:
 
         Args:
             states: true states of all robots, the same robots in the same order at every call.
+            present: those that are there to be seen; None: all.
         """
-        measured = self._measure(states)
+        measured = self._measure(states, states.keys() if present is None else present)
         self._measured.append(measured)
         return View({**self._measured[0], self._observer: measured[self._observer]}, len(self._measured) - 1)
 
-    def _measure(self, states: Mapping[str, VehicleState]) -> dict[str, State]:
+    def _measure(self, states: Mapping[str, VehicleState], present: Collection[str]) -> dict[str, State]:
         own = states[self._observer]
         lots = self._random.random(len(states))
         errors = (self._random.standard_normal((len(states), 4)) * self._sigma).tolist()
         view = {}
         for (robot, state), lot, error in zip(states.items(), lots, errors, strict=True):
             distance_m = math.hypot(state.x_m - own.x_m, state.y_m - own.y_m)
-            if robot == self._observer or (distance_m <= self._range_m and lot >= self._dropout):
+            seen = robot in present and distance_m <= self._range_m and lot >= self._dropout
+            if seen or robot == self._observer:
                 view[robot] = State.of(*(true + off for true, off in zip(state, error, strict=True)))
         return view

@@ -4,15 +4,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from protocol.messages import Command, Observation, Refusal, Refusals, State, TrueRobot, Truth
-from protocol.scenario import Scenario
+from protocol.scenario import Scenario, ScenarioRobot
 from protocol.vehicle import STANDSTILL, Input, Limits, braking_input
 from world.physics import Driven, VehicleState, drive
 from world.referee import Referee
-from world.sensing import Sensors
+from world.sensing import Sensors, View
 
 
 @dataclass
 class _Vehicle:
+    robot: ScenarioRobot
     limits: Limits
     state: VehicleState
     applied: Input = STANDSTILL
@@ -20,6 +21,11 @@ class _Vehicle:
     """What the command of the step before says for a step without one."""
     deadline_misses: int = 0
     clipped_commands: int = 0
+
+    def stand(self) -> None:
+        """Outside the scene nothing moves."""
+        self.state = self.state._replace(speed_mps=0.0)
+        self.applied, self.fallback = STANDSTILL, None
 
 
 class World:
@@ -39,7 +45,8 @@ class World:
         self._scenario = scenario
         self._step = 0
         self._vehicles = {
-            robot.id: _Vehicle(robot.limits, VehicleState(*robot.start_state())) for robot in scenario.robots
+            robot.id: _Vehicle(robot, robot.limits, VehicleState(*robot.start_state()))
+            for robot in scenario.robots
         }
         self._sensors = {
             robot.id: Sensors(robot.id, scenario.sensing_of(robot), seed=seed, index=index)
@@ -59,12 +66,18 @@ class World:
         return tuple(self._vehicles)
 
     @property
+    def present(self) -> tuple[str, ...]:
+        """Ids of the robots that are in the scene at the present step."""
+        time_s = self._scenario.time_s(self._step)
+        return tuple(name for name, each in self._vehicles.items() if each.robot.is_present(time_s))
+
+    @property
     def over(self) -> bool:
         """Whether the run has ended."""
         return self._referee.verdict is not None
 
     def observations(self) -> dict[str, Observation]:
-        """What each robot's sensors see at the present step; drawn once a step, however often it is read."""
+        """What each robot in the scene sees at the present step; drawn once, however often it is read."""
         return self._observations
 
     def refusal(self, robot: str, command: Command) -> Refusal | None:
@@ -80,10 +93,10 @@ class World:
     def advance(self, commands: Mapping[str, Command]) -> dict[str, Observation]:
         """Drive all robots to the next step.
 
-        A robot without a command, or with one that `refusal` objects to, has missed its deadline, which is
-        counted. It drives the `then` of its last command if that answered the step before, and brakes
-        otherwise. A command beyond the limits is clipped and counted, a fallback only clipped. Robots that
-        have arrived go on obeying.
+        A robot without a command, or with one that is withheld or that `refusal` objects to, has missed its
+        deadline, which is counted. It drives the `then` of its last command if that answered the step before,
+        and brakes otherwise. A command beyond the limits is clipped and counted, a fallback only clipped.
+        Robots that have arrived go on obeying; those that are not in the scene stand still.
 
         Args:
             commands: the commands of the present step by the robot that gave them.
@@ -96,9 +109,13 @@ class World:
         """
         if self.over:
             raise RuntimeError(f"the run has ended at step {self._step}; it cannot be advanced")
+        present = self.present
         for robot, vehicle in self._vehicles.items():
+            if robot not in present:
+                vehicle.stand()
+                continue
             command = commands.get(robot)
-            if command is None or self.refusal(robot, command) is not None:
+            if command is None or command.withheld or self.refusal(robot, command) is not None:
                 vehicle.deadline_misses += 1
                 wanted = vehicle.fallback or self._braking(vehicle)
                 vehicle.state, vehicle.applied, _ = self._drive(vehicle, wanted)
@@ -121,7 +138,7 @@ class World:
         Args:
             refused: commands that were not taken so far.
         """
-        referee = self._referee
+        referee, present = self._referee, self.present
         return Truth(
             epoch=self._epoch,
             step=self._step,
@@ -137,6 +154,7 @@ class World:
                     clipped_commands=vehicle.clipped_commands,
                 )
                 for robot, vehicle in self._vehicles.items()
+                if robot in present
             },
             minimum_distance_m=referee.minimum_distance_m,
             collisions=referee.collisions,
@@ -152,18 +170,17 @@ class World:
 
     def _observe(self) -> None:
         states = {robot: vehicle.state for robot, vehicle in self._vehicles.items()}
-        self._referee.watch(self._step, states)
-        self._observations = {
-            robot: self._observation(sensors, states) for robot, sensors in self._sensors.items()
-        }
+        present = self.present
+        self._referee.watch(self._step, {robot: states[robot] for robot in present})
+        views = {robot: sensors.see(states, present) for robot, sensors in self._sensors.items()}
+        self._observations = {robot: self._observation(views[robot], robot) for robot in present}
 
-    def _observation(self, sensors: Sensors, states: Mapping[str, VehicleState]) -> Observation:
-        view = sensors.see(states)
+    def _observation(self, view: View, robot: str) -> Observation:
         return Observation(
             epoch=self._epoch,
             step=self._step,
             time_s=self._scenario.time_s(self._step),
             robots=view.robots,
             age_steps=view.age_steps,
-            accuracy=sensors.accuracy,
+            accuracy=self._sensors[robot].accuracy,
         )
