@@ -150,6 +150,7 @@ COMMAND: dict[str, Any] = {
     "turn_rate_radps": 0.25,
     "acceleration_mps2": -0.5,
     "then": [0.125, -0.25],
+    "withheld": False,
 }
 OBSERVATION: dict[str, Any] = {
     "schema_version": 1,
