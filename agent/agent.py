@@ -127,6 +127,7 @@ class Agent:
         self._arrived = self._has_arrived()
         thought = _Thought() if self._arrived else self._think(watch)
         self._solver_failures += len(thought.failed)
+        self._monitor.watch(self._memory, thought.prediction, observation.accuracy)
         control, then = self._act(thought)
         command = Command(
             epoch=observation.epoch,

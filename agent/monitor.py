@@ -1,7 +1,8 @@
 """The last resort: brake where going on would end in a collision, whatever the optimiser thinks.
 
-It trusts no prediction. Of every other robot it assumes that it goes on as it does, and that it brakes as
-hard as its limits allow; and of its own it knows that braking must begin in time to end in time.
+Robots that agree pass one another closely and fast, and look like a danger long before they would have to
+brake. What tells an agreement from a fault is whether the other does what was expected of it. Of a robot that
+does not, nothing is assumed but that it goes on as it does, or that it brakes as hard as its limits allow.
 """
 
 import math
@@ -10,21 +11,30 @@ import numpy as np
 
 from agent.memory import Memory
 from agent.planning import Plan
+from agent.prediction import Prediction
 from agent.vehicle import Array, rollout
+from protocol.messages import Accuracy
 from protocol.scene import Scene
 from protocol.vehicle import Input, Limits, braking_input
 
+LOOK_BACK_STEPS = 3
+"""How old the expectation is that a robot is held against."""
+TOLERANCE_M = 0.05
+"""By how much a robot may be elsewhere than expected; in crossings of healthy robots that see well, joint-fit
+errs by 0.02 m, and by 0.05 m once in a hundred decisions."""
+SIGMAS = 3.0
+DOUBTED_STEPS = 10
+"""For so long a robot is doubted that was once elsewhere than expected."""
 LONGEST_S = 10.0
-"""No vehicle is looked after for longer, should its limits let it brake that long."""
+"""No braking is looked at for longer."""
 
 
 class CollisionMonitor:
     """Judges each plan before it is driven.
 
-    A robot intervenes when three things are true of another one, if that goes on or if it brakes: driven to
-    its end, the plan enters the collision distance; so does the plan's first step followed by braking; and
-    braking at once keeps a greater distance. So it brakes as late as it can: robots that have agreed on how
-    to pass one another look like a danger long before they would have to brake.
+    A robot brakes when, for another one that it doubts, three things are true if that one goes on or if it
+    brakes: driven as planned, the collision distance is broken; so it is if one more step is driven and then
+    braked; and braking at once keeps a greater distance. So it brakes as late as it can.
 
     Attributes:
         interventions: how often braking has begun so far.
@@ -33,8 +43,34 @@ class CollisionMonitor:
     def __init__(self, scene: Scene, robot: str) -> None:
         self._scene = scene
         self._robot = robot
+        self._expected: dict[int, dict[str, Array]] = {}
+        self._departed: dict[str, int] = {}
         self._braking = False
         self.interventions = 0
+
+    def watch(self, memory: Memory, prediction: Prediction | None, accuracy: Accuracy) -> None:
+        """Compare where the others are with what was expected; to be called once a step.
+
+        Args:
+            memory: with the present states.
+            prediction: of this step, to be held against later; None where there is none.
+            accuracy: of what is seen.
+        """
+        step = memory.step
+        old = [made for made in self._expected if made <= step - LOOK_BACK_STEPS]
+        expected = self._expected[max(old)] if old else {}
+        ahead = step - max(old, default=step)
+        for robot in memory.robots:
+            if robot != self._robot and robot in expected and ahead < len(expected[robot]):
+                state = memory.state(robot)
+                off_m = math.dist(expected[robot][ahead], state[:2])
+                if off_m > self._tolerance_m(float(state[3]), ahead, accuracy):
+                    self._departed[robot] = step
+        self._expected = {
+            made: paths for made, paths in self._expected.items() if made >= max(old, default=0)
+        }
+        if prediction is not None and prediction.solved:
+            self._expected[step] = prediction.paths
 
     def must_brake(self, memory: Memory, plan: Plan, first: Input, previous: Input) -> bool:
         """Whether to brake now instead of driving the plan's first input; counts when that begins.
@@ -45,15 +81,23 @@ class CollisionMonitor:
             first: the input that would be driven at this step.
             previous: the input of the step before.
         """
-        must = self._is_danger(memory, plan, first, previous)
+        doubted = [robot for robot in memory.robots if self._doubts(robot, memory.step)]
+        must = bool(doubted) and self._is_danger(memory, doubted, plan, first, previous)
         self.interventions += must and not self._braking
         self._braking = must
         return must
 
-    def _is_danger(self, memory: Memory, plan: Plan, first: Input, previous: Input) -> bool:
-        others = [robot for robot in memory.robots if robot != self._robot]
-        if not others:
-            return False
+    def _doubts(self, robot: str, step: int) -> bool:
+        return robot in self._departed and step - self._departed[robot] <= DOUBTED_STEPS
+
+    def _tolerance_m(self, speed_mps: float, ahead: int, accuracy: Accuracy) -> float:
+        ahead_s = ahead * self._scene.step_s
+        turned_m = ahead_s * abs(speed_mps) * accuracy.heading_rad
+        return TOLERANCE_M + SIGMAS * (accuracy.position_m + ahead_s * accuracy.speed_mps + turned_m)
+
+    def _is_danger(
+        self, memory: Memory, others: list[str], plan: Plan, first: Input, previous: Input
+    ) -> bool:
         step_s, limits = self._scene.step_s, self._scene.robot(self._robot).limits
         state = memory.state(self._robot)
         at_once = braking_path(state, previous, limits, step_s)
@@ -84,14 +128,14 @@ class CollisionMonitor:
 
 def braking_path(state: Array, previous: Input, limits: Limits, step_s: float) -> Array:
     """States (n, 4), from the present one to the standstill that braking leads to."""
-    states, speed = [], float(state[3])
+    inputs, speed = [], float(state[3])
     for _ in range(math.ceil(LONGEST_S / step_s)):
         previous = braking_input(limits, previous, speed, step_s)
-        states.append(previous)
+        inputs.append(previous)
         speed += step_s * previous.acceleration_mps2
         if abs(speed) < 1e-9 and abs(previous.acceleration_mps2) < 1e-9:
             break
-    return rollout(state, np.array(states), step_s)
+    return rollout(state, np.array(inputs), step_s)
 
 
 def positions_ahead(
@@ -121,7 +165,7 @@ def positions_ahead(
 def gaps_m(path: Array, ways: Array, least_m: Array) -> Array:
     """Smallest distances between a path and the ways of others, less those that must be kept.
 
-    Whoever has come to the end of its path or way stays there.
+    Whoever has come to the end of its path stays there.
 
     Args:
         path: positions, shape (n, 2), the present one first.
