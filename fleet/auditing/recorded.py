@@ -115,7 +115,7 @@ def open_run(path: Path) -> RecordedRun:
     recording = read_recording(path / RECORDING_NAME if path.is_dir() else path)
     if recording.facts.faults:
         raise RecordingError(
-            f"{recording.path}: {_faults(recording.facts.faults)} of this run, so that its robots may not have "
+            f"{recording.path}: {_faults(recording.facts.faults)} of this run, so its robots may not have "
             "decided on what is recorded; only runs without faults can be repeated"
         )
     try:
