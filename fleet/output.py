@@ -29,7 +29,7 @@ class Output:
         self._experiment = experiment
         self.tally = Tally()
         self._course = Course(experiment.scenario.step_s)
-        text = experiment.path.read_text(encoding="utf-8")
+        text = experiment.scenario_text()
         self._recorder = Recorder(directory / "run.mcap", experiment.facts, text)
 
     def __enter__(self) -> Self:
