@@ -17,11 +17,10 @@ from protocol.messages import Accuracy
 from protocol.scene import Scene
 from protocol.vehicle import Input, Limits, braking_input
 
-LOOK_BACK_STEPS = 3
+LOOK_BACK_STEPS = 2
 """How old the expectation is that a robot is held against."""
-TOLERANCE_M = 0.05
-"""By how much a robot may be elsewhere than expected; in crossings of healthy robots that see well, joint-fit
-errs by 0.02 m, and by 0.05 m once in a hundred decisions."""
+TOLERANCE_M = 0.1
+"""By how much a robot may be elsewhere than expected by the time that this one has come to a stand."""
 SIGMAS = 3.0
 DOUBTED_STEPS = 10
 """For so long a robot is doubted that was once elsewhere than expected."""
@@ -60,11 +59,11 @@ class CollisionMonitor:
         old = [made for made in self._expected if made <= step - LOOK_BACK_STEPS]
         expected = self._expected[max(old)] if old else {}
         ahead = step - max(old, default=step)
+        stopping_s = self._stopping_s(float(memory.state(self._robot)[3]))
         for robot in memory.robots:
-            if robot != self._robot and robot in expected and ahead < len(expected[robot]):
+            if robot != self._robot and robot in expected and ahead + 1 < len(expected[robot]):
                 state = memory.state(robot)
-                off_m = math.dist(expected[robot][ahead], state[:2])
-                if off_m > self._tolerance_m(float(state[3]), ahead, accuracy):
+                if self._off_m(expected[robot], ahead, state, accuracy, stopping_s) > TOLERANCE_M:
                     self._departed[robot] = step
         self._expected = {
             made: paths for made, paths in self._expected.items() if made >= max(old, default=0)
@@ -90,10 +89,21 @@ class CollisionMonitor:
     def _doubts(self, robot: str, step: int) -> bool:
         return robot in self._departed and step - self._departed[robot] <= DOUBTED_STEPS
 
-    def _tolerance_m(self, speed_mps: float, ahead: int, accuracy: Accuracy) -> float:
-        ahead_s = ahead * self._scene.step_s
-        turned_m = ahead_s * abs(speed_mps) * accuracy.heading_rad
-        return TOLERANCE_M + SIGMAS * (accuracy.position_m + ahead_s * accuracy.speed_mps + turned_m)
+    def _stopping_s(self, speed_mps: float) -> float:
+        """About how long this robot takes to come to a stand."""
+        limits = self._scene.robot(self._robot).limits
+        return abs(speed_mps) / limits.acceleration_mps2 + limits.acceleration_mps2 / limits.jerk_mps3
+
+    def _off_m(
+        self, expected: Array, ahead: int, state: Array, accuracy: Accuracy, stopping_s: float
+    ) -> float:
+        """By how much a robot will be elsewhere than expected after a time, beyond what noise explains."""
+        heading, speed = float(state[2]), float(state[3])
+        velocity = speed * np.array([math.cos(heading), math.sin(heading)])
+        expected_velocity = (expected[ahead + 1] - expected[ahead]) / self._scene.step_s
+        off_m = math.dist(expected[ahead], state[:2]) + stopping_s * math.dist(expected_velocity, velocity)
+        noise_mps = accuracy.speed_mps + abs(speed) * accuracy.heading_rad
+        return off_m - SIGMAS * (accuracy.position_m + stopping_s * noise_mps)
 
     def _is_danger(
         self, memory: Memory, others: list[str], plan: Plan, first: Input, previous: Input
