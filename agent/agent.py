@@ -6,10 +6,13 @@ from dataclasses import dataclass, field
 from itertools import count
 from typing import NamedTuple
 
+import numpy as np
+
 from agent.acting import driven_last, first_input, is_same_input, second_input, without_a_plan
 from agent.deadline import Deadline
 from agent.estimation import GoalsName
 from agent.estimation.interface import known_goal
+from agent.gate import Gate
 from agent.memory import Memory
 from agent.methods import method_of
 from agent.monitor import CollisionMonitor
@@ -18,9 +21,10 @@ from agent.prediction import Prediction
 from agent.solver import ITERATIONS, SolverName, joint_solver
 from agent.solver.problem import JointSolver
 from agent.stopwatch import Clock, Stopwatch
-from agent.vehicle import Array
+from agent.vehicle import Array, rollout
+from agent.vigilance import Vigilance
 from protocol.arrival import has_arrived
-from protocol.messages import Command, Mind, Observation, Phase, Positions, State
+from protocol.messages import Command, Degradation, Mind, Observation, Phase, Positions, State
 from protocol.scene import Goal, Scene
 from protocol.vehicle import STANDSTILL, Input, Limits, braking_input
 
@@ -106,6 +110,8 @@ class Agent:
         trajectories = through(joint_solver(solver, iterations, self._deadline))
         method = method_of(goals, scene, robot, trajectories, self._deadline)
         self._estimator, self._predictor, self._planner = method
+        self._gate = Gate(scene.step_s, lambda each: scene.robot(each).limits)
+        self._vigilance = Vigilance(scene, robot)
         self._monitor = CollisionMonitor(scene, robot)
         self._arrived = False
         self._parked: set[str] = set()
@@ -119,8 +125,9 @@ class Agent:
         Returns:
             The decision; None for an observation that is not newer than the last one or lacks this robot.
         """
-        if self._robot not in observation.robots or not self._remember(observation):
+        if self._robot not in observation.robots or observation.step <= self._memory.step:
             return None
+        refused = self._remember(observation)
         watch = Stopwatch(self._clock)
         self._deadline.begin()
         self._forget_late_commands()
@@ -128,7 +135,8 @@ class Agent:
         thought = _Thought() if self._arrived else self._think(watch)
         self._solver_failures += len(thought.failed)
         self._monitor.watch(self._memory, thought.prediction, observation.accuracy)
-        control, then = self._act(thought)
+        self._vigilance.look(self._memory)
+        control, then, emergency = self._act(thought)
         command = Command(
             epoch=observation.epoch,
             robot=self._robot,
@@ -138,7 +146,8 @@ class Agent:
             then=then,
         )
         self._given.append(_Given(command, self._speed_mps()))
-        return Decision(command, self._mind(observation, thought, watch))
+        degraded = self._degradations(observation, thought, refused, emergency)
+        return Decision(command, self._mind(observation, thought, degraded, watch))
 
     def withdraw(self) -> None:
         """Take back the command of the last decision, which came too late to be given."""
@@ -153,16 +162,37 @@ class Agent:
         self._goal = goal
         self._arrived = False
 
-    def _remember(self, observation: Observation) -> bool:
-        seen = {robot: state.as_tuple() for robot, state in observation.robots.items()}
+    def _remember(self, observation: Observation) -> set[str]:
+        """Take in what is believed of an observation; returns whose sightings are not."""
+        seen, refused = {}, set()
+        for robot, state in observation.robots.items():
+            step = observation.step - (0 if robot == self._robot else observation.age_steps)
+            judgement = self._gate.judge(robot, step, state, observation.accuracy)
+            if judgement == "refused":
+                refused.add(robot)
+                continue
+            if judgement == "reacquired":
+                self._memory.forget(robot)
+            seen[robot] = state.as_tuple()
         driven = self._driven_after(self._given[-1], observation.step) if self._given else None
-        return self._memory.remember(
+        if self._robot in refused and driven is not None:
+            seen[self._robot] = self._dead_reckoned(observation.step, driven)
+        self._memory.remember(
             observation.step,
             seen,
             sigmas=observation.accuracy.as_tuple(),
             age_steps=observation.age_steps,
             driven=driven,
         )
+        return refused
+
+    def _dead_reckoned(self, step: int, driven: Input) -> tuple[float, float, float, float]:
+        """Where this robot should be now, by what it has driven since it last knew."""
+        inputs = np.tile(driven, (step - self._memory.step, 1))
+        x_m, y_m, heading, speed = rollout(self._memory.state(self._robot), inputs, self._scene.step_s)[
+            -1
+        ].tolist()
+        return x_m, y_m, heading, speed
 
     def _has_arrived(self) -> bool:
         """For good, if it was seen without noise; otherwise only as long as it looks like that."""
@@ -186,18 +216,35 @@ class Agent:
         goal = known_goal(self._goal, self._memory.state(self._robot))
         return self._planner.plan(self._memory, goal, self._previous_input(), prediction)
 
-    def _act(self, thought: _Thought) -> tuple[Input, Input | None]:
-        """The input of this step and, where there is a plan, that of the next one."""
+    def _act(self, thought: _Thought) -> tuple[Input, Input | None, Degradation | None]:
+        """The input of this step; where there is a plan, that of the next one; and why it is not followed."""
         limits, previous = self._limits, self._previous_input()
         speed, step_s = self._speed_mps(), self._scene.step_s
         if self._arrived:
-            return braking_input(limits, previous, speed, step_s), None
+            return braking_input(limits, previous, speed, step_s), None, None
+        if self._vigilance.is_blind(self._memory):
+            return braking_input(limits, previous, speed, step_s), None, "controlled stop"
         if thought.failed or thought.plan is None:
-            return without_a_plan(limits, previous, speed, step_s), None
+            return without_a_plan(limits, previous, speed, step_s), None, "solver failure"
         first = first_input(thought.plan, limits, previous, speed, step_s)
         if self._monitor.must_brake(self._memory, thought.plan, first, previous):
-            return braking_input(limits, previous, speed, step_s), None
-        return first, second_input(thought.plan, limits, first, speed, step_s)
+            return braking_input(limits, previous, speed, step_s), None, "intervention"
+        return first, second_input(thought.plan, limits, first, speed, step_s), None
+
+    def _degradations(
+        self, observation: Observation, thought: _Thought, refused: set[str], emergency: Degradation | None
+    ) -> tuple[Degradation, ...]:
+        """In which ways this decision was not as it should be."""
+        others = (robot for robot in self._memory.robots if robot != self._robot)
+        unseen = any(self._memory.unseen_steps(robot) > observation.age_steps for robot in others)
+        found: dict[Degradation, bool] = {
+            "extrapolation": unseen,
+            "gate": bool(refused),
+            "controlled stop": emergency == "controlled stop",
+            "solver failure": bool(thought.failed),
+            "intervention": emergency == "intervention",
+        }
+        return tuple(degradation for degradation, is_so in found.items() if is_so)
 
     def _forget_late_commands(self) -> None:
         """Take back the commands that were not driven, as far as this robot's own motion shows it.
@@ -248,7 +295,13 @@ class Agent:
         state = self._memory.state(robot).tolist()
         return has_arrived(state, goal.as_state(), self._scene.arrival_tolerance)
 
-    def _mind(self, observation: Observation, thought: _Thought, watch: Stopwatch) -> Mind:
+    def _mind(
+        self,
+        observation: Observation,
+        thought: _Thought,
+        degraded: tuple[Degradation, ...],
+        watch: Stopwatch,
+    ) -> Mind:
         return Mind(
             epoch=observation.epoch,
             robot=self._robot,
@@ -263,6 +316,7 @@ class Agent:
             plan=_as_path(thought.plan.states) if thought.plan else (),
             failed=thought.failed,
             solver_failures=self._solver_failures,
+            degraded=degraded,
             interventions=self._monitor.interventions,
             cut_short_at=self._deadline.cut_short_at,
             timings_ms=watch.timings(),

@@ -11,6 +11,9 @@ from protocol.vehicle import Input, Limits
 LONGEST_GAP = 10
 """Steps for which an unseen robot is taken to go on as it was; after that it counts as gone."""
 
+MOST_CAUTION_M = 0.5
+"""A robot that nobody sees may be anywhere; more distance than this would only block the way."""
+
 
 class Memory:
     """A fixed window of states per robot, one state a step, headings without jumps by whole turns.
@@ -102,6 +105,19 @@ class Memory:
     def previous_input(self, robot: str) -> Input:
         """The input that led to the present state; zero when only one state is known."""
         return self._tracks[robot].previous_input
+
+    def unseen_steps(self, robot: str) -> int:
+        """How many steps ago a robot was in the state in which it was last seen."""
+        return self.step - self._tracks[robot].seen_step
+
+    def caution_m(self, robot: str) -> float:
+        """How far a robot may be from where it is taken to be, had it accelerated since it was seen."""
+        unseen_s = self.unseen_steps(robot) * self._step_s
+        return min(self._limits_of(robot).acceleration_mps2 * unseen_s**2 / 2.0, MOST_CAUTION_M)
+
+    def forget(self, robot: str) -> None:
+        """What was seen of a robot so far does not count any more."""
+        self._tracks.pop(robot, None)
 
     def is_exact(self, robot: str) -> bool:
         """Whether a robot was last seen without noise."""

@@ -47,7 +47,12 @@ class Planner:
         """Solve eq. 1 for the ego, among the predicted paths of all others."""
         others = {robot: path for robot, path in prediction.paths.items() if robot != self._robot}
         problem = joint_problem(
-            self._scene, memory.present(), {self._robot: goal}, others, {self._robot: previous}
+            self._scene,
+            memory.present(),
+            {self._robot: goal},
+            others,
+            {self._robot: previous},
+            {robot: memory.caution_m(robot) for robot in others},
         )
         expected = prediction.starts.get(self._robot)
         starts = [expected] if expected else self._starts.starts(problem, [self._robot])

@@ -17,6 +17,7 @@ def joint_problem(
     goals: Mapping[str, Array],
     paths: Mapping[str, Array],
     inputs: Mapping[str, Input],
+    cautions_m: Mapping[str, float] = {},
 ) -> JointProblem:
     """The problem of the robots in ``goals``, with those in ``paths`` as moving obstacles.
 
@@ -26,16 +27,19 @@ def joint_problem(
         goals: goal state (4,) of each robot that is free to move.
         paths: positions (K + 1, 2) of each robot that moves as told.
         inputs: the last input of each free robot.
+        cautions_m: by which more than the safety distance to keep from robots in ``paths``.
     """
     steps = scene.horizons.prediction_steps
     robots = list(goals)
+    distances_m = np.array(scene.safety_distances_m(robots, (*robots, *paths)))
+    distances_m[:, len(robots) :] += [cautions_m.get(robot, 0.0) for robot in paths]
     return JointProblem(
         states=np.array([states[robot] for robot in robots]),
         previous_inputs=np.array([inputs[robot] for robot in robots]),
         goals=np.array(list(goals.values())),
         limits=tuple(scene.robot(robot).limits for robot in robots),
         obstacles=np.array(list(paths.values())).reshape(-1, steps + 1, 2),
-        safety_distances=np.array(scene.safety_distances_m(robots, (*robots, *paths))),
+        safety_distances=distances_m,
         area=np.array([[scene.area.x_min_m, scene.area.y_min_m], [scene.area.x_max_m, scene.area.y_max_m]]),
         weights=np.array(scene.weights.as_tuple()),
         steps=steps,
