@@ -15,6 +15,7 @@ from test_prediction_and_planning import Watched, advance, assert_same_starts
 import agent.__main__
 from agent.agent import Agent
 from agent.estimation import ESTIMATORS, GoalsName
+from agent.gate import REACQUIRED_AFTER
 from agent.memory import LONGEST_GAP
 from agent.methods import method_of
 from agent.orca import HORIZON_S, LEAN_RAD, PREFERRED_SPEED_MPS, OrcaPlanner, tracking_input
@@ -203,9 +204,10 @@ def test_once_parking_a_robot_goes_on_parking_by_plans():
     ego = agent_of("orca")
     near, pushed = (3.0, 0.3, 0.2, 0.5), (2.0, 0.5, 0.3, 0.5)
     lengths = [
-        len(ego.decide(seen(step, {"a": at})).mind.plan) for step, at in enumerate((EGO, near, pushed))
+        len(ego.decide(seen(step, {"a": at})).mind.plan)
+        for step, at in enumerate((EGO, *[near] * REACQUIRED_AFTER, *[pushed] * REACQUIRED_AFTER))
     ]
-    assert lengths == [2, 31, 31]
+    assert lengths[::REACQUIRED_AFTER] == [2, 31, 31]
 
 
 def scenario(*ways: tuple[float, float, float, float]) -> Scenario:
