@@ -32,7 +32,7 @@ def minds(driven: list[Moment]) -> list[Any]:
 
 
 def test_a_robot_stops_and_stays() -> None:
-    driven = moments(first("stops"))
+    driven = moments(first("stops"), time_limit_s=4.0)
     there = [place(truth, "1") for truth in truths(driven)]
     assert standing(driven)
     assert distance_m(there[-1], (4.0, 0.0)) > 1.0
@@ -140,7 +140,7 @@ def test_solver_failures_strike_a_share_of_the_steps() -> None:
 
 
 def test_no_distance_can_be_kept_to_an_obstacle_on_top_of_the_robot() -> None:
-    driven = moments(first("infeasible", start_s=0.0), **ALONE)
+    driven = moments(first("infeasible", start_s=0.0), **ALONE | {"time_limit_s": 1.0})
     plan = minds(driven)[0].plan
     assert max(distance_m(point, (-4.0, 0.0)) for point in plan) > 1.0, "it flees"
     healthy = minds(moments(**ALONE))[0].plan

@@ -155,14 +155,14 @@ def test_commands_that_do_not_count_are_counted_by_the_world() -> None:
 
 
 def test_the_world_clips_an_excessive_command() -> None:
-    driven = moments(fault("command-excess", robots=[1], factor=50.0))
+    driven = moments(fault("command-excess", robots=[1], factor=50.0), time_limit_s=2.0)
     clipped = {name: robot.clipped_commands for name, robot in driven[-1].truth.robots.items()}
     assert clipped["1"] > 10
     assert clipped["2"] == 0
 
 
 def test_a_weak_robot_accelerates_no_more_than_it_can() -> None:
-    driven = moments(fault("weak", robots=[1], factor=0.1))
+    driven = moments(fault("weak", robots=[1], factor=0.1), time_limit_s=2.0)
     strongest = {
         name: max(abs(truth.robots[name].acceleration_mps2) for truth in truths(driven))
         for name in ("1", "2")
@@ -223,7 +223,9 @@ def test_the_world_starts_again_once_from_its_first_step_in_the_next_epoch(healt
 
 def test_processes_break_once_though_the_world_starts_again() -> None:
     driven = moments(
-        fault("kill", robots=[1], start_s=0.2, duration_s=0.5), fault("restart-world", start_s=0.4)
+        fault("kill", robots=[1], start_s=0.2, duration_s=0.5),
+        fault("restart-world", start_s=0.4),
+        time_limit_s=1.0,
     )
     down = [(moment.truth.epoch, moment.truth.step) for moment in driven[:-1] if "1" not in moment.decisions]
     assert down == [(0, 2), (0, 3), (0, 4), (1, 0), (1, 1)]
