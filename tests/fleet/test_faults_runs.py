@@ -143,7 +143,9 @@ def test_who_does_not_see_the_ghost_drives_through_it(healthy: list[Moment]) -> 
 
 def test_commands_that_do_not_count_are_counted_by_the_world() -> None:
     driven = moments(
-        fault("command-duplication", rate=1.0, robots=[1]), fault("command-delay", steps=2, robots=[2])
+        fault("command-duplication", rate=1.0, robots=[1]),
+        fault("command-delay", steps=2, robots=[2]),
+        time_limit_s=1.5,
     )
     steps = len(driven) - 1
     refused = driven[-1].truth.refused
