@@ -19,7 +19,7 @@ from protocol.identity import IdentityError, client_identity
 from protocol.keys import checked_name
 from protocol.scene import Goal
 from protocol.session import reason_of
-from protocol.signals import on_wish_to_end
+from protocol.signals import end_with_parent, on_wish_to_end
 
 WRONG_USAGE = 2
 FAILED = 3
@@ -155,6 +155,7 @@ def main(
     Exit status: 0 stopped, 2 wrong usage, password or keys, 3 the world does not fit this robot or
     cannot be reached at all, or there is no place for the compiled solver.
     """
+    end_with_parent()
     budget_s = None if budget_ms is None else budget_ms / 1000.0
     try:
         now = datetime.now(UTC)

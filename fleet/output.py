@@ -7,7 +7,7 @@ from fleet.course import Course
 from fleet.experiment import Experiment
 from fleet.picture import draw_paths
 from fleet.recording import Recorder
-from fleet.stream import BusMessage, RefusedMind
+from fleet.stream import RefusedMind, Restarted, StreamItem
 from fleet.summary import Summary, Tally
 
 
@@ -54,14 +54,17 @@ class Output:
         """Close the recording, whatever happened."""
         self._recorder.__exit__()
 
-    def take(self, item: BusMessage | RefusedMind) -> None:
-        """Record a message and count it; what was refused is only counted.
+    def take(self, item: StreamItem) -> None:
+        """Record a message and count it; what was refused, and who was started again, is only counted.
 
         Raises:
             RecordingError: the disk does not take it.
         """
         if isinstance(item, RefusedMind):
             self.tally.refuse(item)
+            return
+        if isinstance(item, Restarted):
+            self.tally.count_restart(item)
             return
         self._recorder.record(item.key, item.message, item.time_ns)
         self.tally.add(item.message)

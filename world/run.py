@@ -7,6 +7,7 @@ from typing import Protocol
 from structlog.typing import FilteringBoundLogger
 
 from protocol.codec import MessageError, decode
+from protocol.keys import BENCH_NAME
 from protocol.messages import Command, Observation, Truth
 from world.clock import Clock
 from world.inbox import Arrivals, Inbox
@@ -59,17 +60,22 @@ class Run:
         self._exhausted: frozenset[str] = frozenset()
         self._answers: dict[str, Command] = {}
 
-    def wait_for_robots(self, timeout_s: float) -> None:
+    def wait_for_robots(self, timeout_s: float, readers: tuple[str, ...] = ()) -> None:
         """The start barrier: return when every robot of the scenario is present, or on an interruption.
+
+        Args:
+            timeout_s: how long at the most.
+            readers: who else must be present.
 
         Raises:
             RobotsMissingError: not all of them were present after the time limit.
         """
+        awaited = (*self._world.robots, *readers)
         until_s = time.monotonic() + timeout_s
         told = None
         arrivals = self._inbox.take(0.0)
-        while not arrivals.interrupted and (missing := self._missing(arrivals)):
-            strangers = ", ".join(sorted(arrivals.present.difference(self._world.robots))) or None
+        while not arrivals.interrupted and (missing := _missing(awaited, arrivals)):
+            strangers = ", ".join(sorted(arrivals.present.difference(awaited, (BENCH_NAME,)))) or None
             if told != (missing, strangers):
                 self._log.info("waiting for robots", missing=missing, not_in_scenario=strangers)
                 told = (missing, strangers)
@@ -119,9 +125,6 @@ class Run:
 
     def _truth(self) -> Truth:
         return self._world.truth(self._refusals.counts)
-
-    def _missing(self, arrivals: Arrivals) -> str:
-        return ", ".join(robot for robot in self._world.robots if robot not in arrivals.present)
 
     def _begin_step(self) -> None:
         """Await the robots that are present before the step is published, and no others.
@@ -182,3 +185,7 @@ class Run:
                 f"command of robot {command.robot}, epoch {command.epoch}, step {command.step} "
                 f"at step {self._world.step}",
             )
+
+
+def _missing(awaited: tuple[str, ...], arrivals: Arrivals) -> str:
+    return ", ".join(name for name in awaited if name not in arrivals.present)
