@@ -141,6 +141,10 @@ class Agent:
         """Take back the command of the last decision, which came too late to be given."""
         self._given.pop()
 
+    def remember(self, observation: Observation) -> None:
+        """Take in what was seen at a step without a decision on it."""
+        self._remember(observation)
+
     def redirect(self, goal: Goal) -> None:
         """Drive to another goal from the next decision on."""
         self._goal = goal

@@ -10,11 +10,13 @@ from typing import Annotated, Self
 from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from protocol.faults import Faults, Id, Interval, as_tuple
+from protocol.faults import MAX_FAULTS, Faults, Id, Interval, as_tuple
 from protocol.scene import MAX_ROBOTS, Goal, Metres, NonNegative, PublicRobot, Rules, Scene, Settings
 
 MAX_DELAY_STEPS = 10
 """Robots forget whom they have not seen for this long (``agent.memory.LONGEST_GAP``)."""
+MAX_ABSENCES = 16 + MAX_FAULTS
+"""Of one robot; each of its faults may be one."""
 
 
 class Pose(Settings):
@@ -50,7 +52,9 @@ class ScenarioRobot(PublicRobot):
     start: Pose
     goal: Pose
     sensing: Sensing | None = None
-    absences_s: Annotated[tuple[Interval, ...], BeforeValidator(as_tuple), Field(max_length=16)] = ()
+    absences_s: Annotated[
+        tuple[Interval, ...], BeforeValidator(as_tuple), Field(max_length=MAX_ABSENCES)
+    ] = ()
     """When the robot is not in the scene, from and to, in s: it is not seen, not met, and does not move."""
 
     def is_present(self, time_s: float) -> bool:
