@@ -1,28 +1,15 @@
 """A world and its robots in one process and virtual time, step by step."""
 
-from collections.abc import Callable, Iterator, Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
 
-from agent.agent import Agent, Decision
+from agent.agent import Agent
 from agent.deadline import Deadline
 from agent.stopwatch import Clock
 from fleet.facts import RunFacts
-from protocol.messages import Observation, Truth
-from protocol.scenario import Scenario, ScenarioRobot
-from protocol.scene import Scene
+from fleet.faults.disturbed_loop import disturbed_loop
+from fleet.moment import EPOCH, Moment, agent_of
+from protocol.scenario import Scenario
 from world.world import World
-
-EPOCH = 0
-"""There is one world only, and what it says depends on nothing but the run."""
-
-
-class Moment(NamedTuple):
-    """One step: how things stand, what each robot sees of them, and what it decides."""
-
-    truth: Truth
-    observations: Mapping[str, Observation]
-    decisions: Mapping[str, Decision]
-    """Of the robots that made one; in the last moment nobody does."""
 
 
 def closed_loop(
@@ -31,7 +18,7 @@ def closed_loop(
     """Every step of a run; the last moment's truth holds the verdict.
 
     Args:
-        scenario: what is driven.
+        scenario: what is driven, with the faults that are to befall it.
         facts: with which estimator, solver and seed.
         clock: times the robots' decisions.
         interrupted: asked once a step; ends the run with the verdict ``interrupted``.
@@ -39,42 +26,33 @@ def closed_loop(
     Raises:
         ValueError: an estimator needs something that the scene does not hold.
     """
+    loop = disturbed_loop if scenario.faults else _undisturbed_loop
+    return loop(scenario, facts, clock, interrupted)
+
+
+def _undisturbed_loop(
+    scenario: Scenario, facts: RunFacts, clock: Clock, interrupted: Callable[[], bool]
+) -> Iterator[Moment]:
+    """Without faults, whatever is said reaches whom it is for, and as it was said."""
     world = World(scenario, seed=facts.seed, epoch=EPOCH)
     agents = _agents(scenario, facts, clock)
     while not world.over:
         observations = world.observations()
         decided = {robot: agents[robot].decide(seen) for robot, seen in observations.items()}
         decisions = {robot: decision for robot, decision in decided.items() if decision is not None}
-        yield Moment(world.truth(), observations, decisions)
+        commands = {robot: decision.command for robot, decision in decisions.items()}
+        said = {robot: (command,) for robot, command in commands.items()}
+        yield Moment(world.truth(), observations, decisions, said)
         if interrupted():
             world.interrupt()
         else:
-            world.advance({robot: decision.command for robot, decision in decisions.items()})
-    yield Moment(world.truth(), {}, {})
+            world.advance(commands)
+    yield Moment(world.truth(), {}, {}, {})
 
 
 def _agents(scenario: Scenario, facts: RunFacts, clock: Clock) -> dict[str, Agent]:
     scene = scenario.scene(with_goals=facts.goals_are_exchanged)
-    budget_s = None if facts.budget_ms is None else facts.budget_ms / 1000.0
     return {
-        robot.id: agent_of(robot, scene, facts, clock, Deadline(clock, budget_s)) for robot in scenario.robots
+        robot.id: agent_of(robot, scene, facts, clock, Deadline(clock, facts.budget_s))
+        for robot in scenario.robots
     }
-
-
-def agent_of(robot: ScenarioRobot, scene: Scene, facts: RunFacts, clock: Clock, deadline: Deadline) -> Agent:
-    """A robot of a run, which has not seen anything yet.
-
-    Raises:
-        ValueError: its estimator needs something that the scene does not hold.
-        ModuleNotFoundError: the library of a baseline is not installed here.
-    """
-    return Agent(
-        robot.id,
-        robot.goal_pose(),
-        scene,
-        goals=facts.goals,
-        solver=facts.solver,
-        clock=clock,
-        iterations=facts.iterations,
-        deadline=deadline,
-    )

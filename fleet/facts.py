@@ -29,6 +29,8 @@ class RunFacts(Settings):
     seed: int
     run: Name
     """The run's name on the bus."""
+    faults: int = 0
+    """How many were to befall it."""
     policy: bool = False
     """Whether the world's router let every process do what it was granted and nothing else."""
     version: str
@@ -38,3 +40,8 @@ class RunFacts(Settings):
     def goals_are_exchanged(self) -> bool:
         """Whether the scene holds the goals."""
         return self.goals == SHARING
+
+    @property
+    def budget_s(self) -> float | None:
+        """The time that a decision may take, in s; None for no limit."""
+        return None if self.budget_ms is None else self.budget_ms / 1000.0

@@ -48,6 +48,7 @@ def run_processes(
         with bench.connect(roles.bench()) as session:
             yield from bench.subscribe(session)
             for robot in experiment.scenario.robots:
-                crew.start(*roles.robot(robot))
+                for role in roles.of_robot(robot):
+                    crew.start(*role)
             yield from bench.listen()
         crew.wait(WORLD)  # which stays until the bench has left

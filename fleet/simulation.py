@@ -4,7 +4,7 @@ import time
 from collections.abc import Iterator
 
 from agent.warm import warm_up
-from fleet.closed_loop import EPOCH, closed_loop
+from fleet.closed_loop import closed_loop
 from fleet.compiling import compile_solver
 from fleet.experiment import Experiment
 from fleet.interruption import Interruption
@@ -26,12 +26,17 @@ def simulate(experiment: Experiment, interruption: Interruption) -> Iterator[Bus
     warm_up(facts.goals, facts.solver)
     keys = Keys(facts.run)
     scene = scenario.scene(with_goals=facts.goals_are_exchanged)
-    yield BusMessage(keys.scene, PublicScene(epoch=EPOCH, scene=scene), 0)
+    epoch, begun_ns, now_ns = None, 0, 0
     for moment in closed_loop(scenario, facts, time.perf_counter, lambda: interruption.requested):
-        now_ns = round(moment.truth.time_s * 1e9)
+        if moment.truth.epoch != epoch:
+            epoch, begun_ns = moment.truth.epoch, now_ns
+            yield BusMessage(keys.scene, PublicScene(epoch=epoch, scene=scene), begun_ns)
+        now_ns = begun_ns + round(moment.truth.time_s * 1e9)
         for robot, observation in moment.observations.items():
             yield BusMessage(keys.pose(robot), observation, now_ns)
         yield BusMessage(keys.truth, moment.truth, now_ns)
-        for robot, decision in moment.decisions.items():
-            yield BusMessage(keys.mind(robot), decision.mind, now_ns)
-            yield BusMessage(keys.command(robot), decision.command, now_ns)
+        for robot, commands in moment.commands.items():
+            if robot in moment.decisions:
+                yield BusMessage(keys.mind(robot), moment.decisions[robot].mind, now_ns)
+            for command in commands:
+                yield BusMessage(keys.command(robot), command, now_ns)

@@ -6,12 +6,12 @@ from typing import Protocol
 
 from structlog.typing import FilteringBoundLogger
 
-from protocol.codec import MessageError, decode
 from protocol.keys import BENCH_NAME
-from protocol.messages import Command, Observation, Truth
+from protocol.messages import Observation, Truth
 from world.clock import Clock
 from world.inbox import Arrivals, Inbox
-from world.notices import Misses, RefusalNotices
+from world.judge import Judge
+from world.notices import Misses
 from world.world import World
 
 
@@ -52,13 +52,12 @@ class Run:
         self._inbox = inbox
         self._bus = bus
         self._log = log
-        self._refusals = RefusalNotices(log)
+        self._judge = Judge(world, log)
         self._misses = Misses(log)
         self._present: frozenset[str] = frozenset()
         self._interrupted = False
         self._awaited: set[str] = set()
         self._exhausted: frozenset[str] = frozenset()
-        self._answers: dict[str, Command] = {}
 
     def wait_for_robots(self, timeout_s: float, readers: tuple[str, ...] = ()) -> None:
         """The start barrier: return when every robot of the scenario is present, or on an interruption.
@@ -105,7 +104,7 @@ class Run:
             self._gather()
             if not self._interrupted:
                 self._misses.add(robot for robot in self._world.present if self._has_missed(robot))
-                self._world.advance(self._answers)
+                self._world.advance(self._judge.answers)
         self._world.interrupt()
         truth = self._truth()
         self._bus.publish_truth(truth)
@@ -115,23 +114,24 @@ class Run:
             verdict=truth.verdict,
             step=truth.step,
             time_s=round(truth.time_s, 6),
-            refused_commands=self._refusals.counts,
+            refused_commands=self._judge.refused,
             overruns=self._clock.overruns,
         )
         return truth
 
     def _has_missed(self, robot: str) -> bool:
-        return robot not in self._answers or self._answers[robot].withheld
+        answer = self._judge.answers.get(robot)
+        return answer is None or answer.withheld
 
     def _truth(self) -> Truth:
-        return self._world.truth(self._refusals.counts)
+        return self._world.truth(self._judge.refused)
 
     def _begin_step(self) -> None:
         """Await the robots that are present before the step is published, and no others.
 
         A robot that comes later may have missed the observation and cannot be expected to answer it.
         """
-        self._answers = {}
+        self._judge.begin_step()
         self._awaited = set()
         self._inbox.begin_step()
         self._receive(0.0)
@@ -145,7 +145,7 @@ class Run:
         """
         self._receive(0.0)
         while not self._interrupted and (remaining_s := self._clock.remaining_s()) > 0.0:
-            if self._clock.waits_for_all and self._awaited <= self._answers.keys() | self._exhausted:
+            if self._clock.waits_for_all and self._awaited <= self._judge.answers.keys() | self._exhausted:
                 return
             self._receive(remaining_s)
 
@@ -156,7 +156,7 @@ class Run:
         self._exhausted = arrivals.exhausted
         self._tell_presence(arrivals)
         for robot, payload in arrivals.commands:
-            self._judge(robot, payload)
+            self._judge.judge(robot, payload)
 
     def _tell_presence(self, arrivals: Arrivals) -> None:
         for robot in self._world.robots:
@@ -165,26 +165,6 @@ class Run:
             if robot in arrivals.present and robot in arrivals.gone | (arrivals.present - self._present):
                 self._log.info("robot returned", robot=robot, step=self._world.step)
         self._present = arrivals.present
-
-    def _judge(self, robot: str, payload: bytes) -> None:
-        """Keep the first command that answers the step; refuse what does not."""
-        try:
-            command = decode(Command, payload)
-        except MessageError as error:
-            self._refusals.add(robot, "not a valid message", str(error))
-            return
-        reason = self._world.refusal(robot, command)
-        if reason is None and robot in self._answers:
-            reason = "answers a step again"
-        if reason is None:
-            self._answers[robot] = command
-        else:
-            self._refusals.add(
-                robot,
-                reason,
-                f"command of robot {command.robot}, epoch {command.epoch}, step {command.step} "
-                f"at step {self._world.step}",
-            )
 
 
 def _missing(awaited: tuple[str, ...], arrivals: Arrivals) -> str:

@@ -9,7 +9,7 @@ from agent.deadline import RepeatedDeadline
 from agent.stopwatch import Clock
 from fleet.auditing.difference import Difference, Part, compared
 from fleet.auditing.recorded import RecordedRun, too_many
-from fleet.closed_loop import agent_of
+from fleet.moment import agent_of
 from protocol.messages import Command, Mind, Observation
 
 MEASURED = frozenset({"timings_ms"})

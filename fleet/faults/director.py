@@ -19,16 +19,15 @@ from protocol.messages import Truth
 log = structlog.get_logger("faults")
 
 OF_ROBOTS = (Kill, Freeze)
-"""Counted in steps, and in every epoch anew."""
 OF_ALL = (RestartWorld, Pause, RecorderDies)
-"""Once in a run: the steps begin again with the world, and would bring them again for ever."""
 
 
 class Director:
     """Follows the steps of a run and acts on its processes.
 
-    It knows of a step when its truth reaches the bench; in lock-step the world may be a step or two ahead.
-    Whom it kills is not taken for failed. With a new epoch, all robots are there again.
+    It counts steps since the first start of the world, and knows of one when its truth reaches the bench; in
+    lock-step the world may be a step or two ahead. Whom it kills is not taken for failed. A new epoch begins
+    with all robots, since the world waits for them; whoever is to be down then is killed again.
 
     Args:
         experiment: whose faults these are.
@@ -51,15 +50,18 @@ class Director:
         self._of_all: list[Scheduled[Any]] = [each for each in faults if isinstance(each.fault, OF_ALL)]
         self._killed: set[str] = set()
         self._frozen: set[str] = set()
+        self._steps_before = 0
+        self._step = 0
         self._due: list[tuple[float, Callable[[], None]]] = []
 
     def at(self, truth: Truth) -> None:
         """The world has come to this step."""
-        for each in [each for each in self._of_all if each.begin <= truth.step]:
+        self._step = self._steps_before + truth.step
+        for each in [each for each in self._of_all if each.begin <= self._step]:
             self._of_all.remove(each)
             self._strike_all(each.fault)
-        self._set_killed(self._befallen(Kill, truth.step))
-        self._set_frozen(self._befallen(Freeze, truth.step))
+        self._set_killed(self._befallen(Kill))
+        self._set_frozen(self._befallen(Freeze))
 
     def look(self) -> None:
         """Do what is due by the wall clock."""
@@ -71,14 +73,15 @@ class Director:
 
     def world_started_again(self) -> None:
         """A new epoch begins, with all robots."""
+        self._steps_before = self._step + 1
         self._set_killed(set())
         self._set_frozen(set())
 
-    def _befallen(self, kind: type[Kill | Freeze], step: int) -> set[str]:
+    def _befallen(self, kind: type[Kill | Freeze]) -> set[str]:
         return {
             name_of(robot)
             for each in self._of_robots
-            if isinstance(each.fault, kind) and each.is_on(step)
+            if isinstance(each.fault, kind) and each.is_on(self._step)
             for robot in each.fault.robots
         }
 

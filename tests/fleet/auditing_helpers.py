@@ -10,9 +10,9 @@ from agent.agent import Agent
 from agent.deadline import Deadline
 from fleet.auditing.audit import Audit, Report
 from fleet.auditing.recorded import RecordedRun, open_run
-from fleet.closed_loop import EPOCH, agent_of
 from fleet.experiment import Experiment, prepare
 from fleet.interruption import Interruption
+from fleet.moment import EPOCH, agent_of
 from fleet.recording import Recorder
 from fleet.simulation import simulate
 from fleet.stream import BusMessage
