@@ -5,10 +5,12 @@ from typing import Self
 
 from fleet.course import Course
 from fleet.experiment import Experiment
+from fleet.faults.full_disk import FullDisk
 from fleet.picture import draw_paths
 from fleet.recording import Recorder
 from fleet.stream import RefusedMind, Restarted, StreamItem
 from fleet.summary import Summary, Tally
+from protocol.messages import Truth
 
 
 class OutputError(Exception):
@@ -28,9 +30,11 @@ class Output:
         self.logs = directory / "logs"
         self._experiment = experiment
         self.tally = Tally()
-        self._course = Course(experiment.scenario.step_s)
+        scenario = experiment.scenario
+        self._course = Course(scenario.step_s)
+        self._disk = FullDisk(scenario.faults, seed=experiment.facts.seed, step_s=scenario.step_s)
         text = experiment.path.read_text(encoding="utf-8")
-        self._recorder = Recorder(directory / "run.mcap", experiment.facts, text)
+        self._recorder = Recorder(directory / "run.mcap", experiment.facts, text, self._disk.open)
 
     def __enter__(self) -> Self:
         """Make the directory and open the recording.
@@ -66,6 +70,8 @@ class Output:
         if isinstance(item, Restarted):
             self.tally.count_restart(item)
             return
+        if isinstance(item.message, Truth):
+            self._disk.at(item.message.step)
         self._recorder.record(item.key, item.message, item.time_ns)
         self.tally.add(item.message)
         self._course.add(item.message)
