@@ -14,6 +14,9 @@ from world.judge import Judge
 from world.notices import Misses
 from world.world import World
 
+RETURN_S = 5.0
+"""How long lock-step stands still for the first of them to come back when all have been lost."""
+
 
 class RobotsMissingError(Exception):
     """Robots did not come in time; the text names them."""
@@ -56,6 +59,8 @@ class Run:
         self._misses = Misses(log)
         self._present: frozenset[str] = frozenset()
         self._interrupted = False
+        self._readers: tuple[str, ...] = ()
+        self._given_up = False
         self._awaited: set[str] = set()
         self._exhausted: frozenset[str] = frozenset()
 
@@ -64,11 +69,12 @@ class Run:
 
         Args:
             timeout_s: how long at the most.
-            readers: who else must be present.
+            readers: who else must be present; in lock-step, steps wait for them to come back, too.
 
         Raises:
             RobotsMissingError: not all of them were present after the time limit.
         """
+        self._readers = readers
         awaited = (*self._world.robots, *readers)
         until_s = time.monotonic() + timeout_s
         told = None
@@ -135,8 +141,24 @@ class Run:
         self._awaited = set()
         self._inbox.begin_step()
         self._receive(0.0)
+        if self._clock.waits_for_all:
+            self._wait_for_company()
         self._awaited = set(self._present.intersection(self._world.present))
         self._clock.begin_step()
+
+    def _wait_for_company(self) -> None:
+        """Stand still while nobody would see the step: a run without robots, or unread, rushes to its end."""
+        until_s = time.monotonic() + RETURN_S
+        while self._is_alone() and not self._given_up and not self._interrupted:
+            remaining_s = until_s - time.monotonic()
+            self._given_up = remaining_s <= 0.0
+            self._receive(remaining_s)
+        self._given_up = self._given_up and self._is_alone()
+
+    def _is_alone(self) -> bool:
+        expected = self._world.present
+        robots_lost = bool(expected) and self._present.isdisjoint(expected)
+        return robots_lost or not self._present.issuperset(self._readers)
 
     def _gather(self) -> None:
         """Collect the step's commands until the clock, or the last awaited answer, ends it.

@@ -7,7 +7,6 @@ environment, as a robot does, and from ``UNSPOKEN_LISTEN`` and ``UNSPOKEN_USERS`
 import os
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from typing import NamedTuple
@@ -117,8 +116,8 @@ class Relay:
         """Callbacks only store. Nothing but the presence of the robot makes the world begin."""
         keys, robot, put = self._keys, self._options.robot, self._events.put
 
-        def store_said(kind: str, sample: zenoh.Sample) -> None:
-            put(_Said(kind, sample.payload.to_bytes()))
+        def store_said(sample: zenoh.Sample) -> None:
+            put(_Said(keys.kind_of(str(sample.key_expr)), sample.payload.to_bytes()))
 
         def store_presence(sample: zenoh.Sample) -> None:
             put(_Presence(sample.kind == zenoh.SampleKind.PUT))
@@ -128,8 +127,10 @@ class Relay:
                 keys.pose(robot), lambda sample: put(_Pose(sample.payload.to_bytes()))
             ),
             self._to_robot.declare_queryable(keys.scene, put),
-            self._to_robot.declare_subscriber(keys.command(robot), partial(store_said, "command")),
-            self._to_robot.declare_subscriber(keys.mind(robot), partial(store_said, "mind")),
+            # One for all that the robot says, which keeps its order.
+            self._to_robot.declare_subscriber(
+                keys.everything, store_said, allowed_origin=zenoh.Locality.REMOTE
+            ),
             self._to_robot.liveliness().declare_subscriber(keys.alive(robot), store_presence, history=True),
         )
 
@@ -140,7 +141,7 @@ class Relay:
             case _Said("command", payload):
                 for each in self._link.commanded(payload) if self._epoch is not None else (payload,):
                     self._say(self._keys.command(self._options.robot), each)
-            case _Said(_, payload):
+            case _Said("mind", payload):
                 self._say(self._keys.mind(self._options.robot), payload)
             case _Presence(here):
                 self._stand(here)

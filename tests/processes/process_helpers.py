@@ -231,6 +231,10 @@ class Bench(Process):
         ]
         return pid
 
+    def kill(self, module: str, robot: str | None = None) -> None:
+        """Kill its world, or the process of one of its robots."""
+        os.kill(self.pid(module, robot), signal.SIGKILL)
+
     def leaves_nothing(self, pids: Mapping[int, object]) -> None:
         """Check that after its end none of these processes is left, and no temporary file."""
         assert not self.running
