@@ -46,6 +46,14 @@ GoalsOption = Annotated[
 SolverOption = Annotated[SolverName, typer.Option(help="What solves the trajectory problems.")]
 IterationsOption = Annotated[int, typer.Option(min=1, help=agent.__main__.ITERATIONS_HELP)]
 SeedOption = Annotated[int, typer.Option(min=0, help="Of sensor noise and dropouts.")]
+FaultsOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="A file of faults that are to befall the run, besides those of the scenario.",
+        metavar="FILE",
+        dir_okay=False,
+    ),
+]
 OutOption = Annotated[
     Path | None,
     typer.Option(
@@ -75,6 +83,7 @@ def run(
         ),
     ] = None,
     seed: SeedOption = 0,
+    faults: FaultsOption = None,
     policy: Annotated[
         bool,
         typer.Option(
@@ -101,6 +110,7 @@ def run(
         iterations=iterations,
         budget_ms=budget_ms,
         policy=policy,
+        faults=faults,
     )
     begin = f"starting the world and {_robots(experiment)}"
     _conduct(experiment, out, partial(run_processes, experiment, restart=restart), begin)
@@ -117,6 +127,7 @@ def simulate(
     solver: SolverOption = "realtime",
     iterations: IterationsOption = ITERATIONS,
     seed: SeedOption = 0,
+    faults: FaultsOption = None,
     out: OutOption = None,
 ) -> None:
     """Run a scenario in virtual time: the same world and robots in this one process.
@@ -124,7 +135,13 @@ def simulate(
     Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage or scenario.
     """
     experiment = _prepared(
-        scenario, goals=goals, solver=solver, clock=VIRTUAL, seed=seed, iterations=iterations
+        scenario,
+        goals=goals,
+        solver=solver,
+        clock=VIRTUAL,
+        seed=seed,
+        iterations=iterations,
+        faults=faults,
     )
     _conduct(
         experiment,

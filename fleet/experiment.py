@@ -9,7 +9,7 @@ from agent.estimation import GoalsName
 from agent.solver import ITERATIONS, SolverName
 from fleet.facts import RunFacts
 from protocol.scenario import Scenario
-from protocol.scenario_file import load_scenario
+from protocol.scenario_file import load_scenario, scenario_text, with_faults
 from scenarios import find
 from world.process import ClockKind
 
@@ -19,8 +19,16 @@ class Experiment:
     """One run to be made."""
 
     path: Path
+    """Of the scenario file."""
     scenario: Scenario
+    """With the faults of a file of their own, if one was given."""
     facts: RunFacts
+    faults: Path | None = None
+    """That file."""
+
+    def scenario_text(self) -> str:
+        """What the recording keeps: the scenario file, or a scenario that holds the other file's faults."""
+        return self.path.read_text(encoding="utf-8") if self.faults is None else scenario_text(self.scenario)
 
 
 BUDGET_SHARE = 0.5
@@ -37,6 +45,7 @@ def prepare(
     iterations: int = ITERATIONS,
     budget_ms: float | None = None,
     policy: bool = False,
+    faults: Path | None = None,
 ) -> Experiment:
     """Read the scenario and give the run a name of its own.
 
@@ -49,12 +58,15 @@ def prepare(
         iterations: most of the real-time solver for one problem.
         budget_ms: for a decision; None for a share of Δt in real time and no limit otherwise.
         policy: whether processes may do only what they are granted.
+        faults: a file of faults, which come after those of the scenario.
 
     Raises:
-        ScenarioError: there is no such scenario, or it is wrong.
+        ScenarioError: there is no such scenario, or it is wrong, or the file of faults is.
     """
     path = find(name_or_path).resolve()
     scenario = load_scenario(path)
+    if faults is not None:
+        scenario = with_faults(scenario, faults)
     if budget_ms is None and clock == ClockKind.REALTIME:
         budget_ms = BUDGET_SHARE * 1000.0 * scenario.step_s
     facts = RunFacts(
@@ -65,8 +77,9 @@ def prepare(
         budget_ms=budget_ms,
         clock=clock,
         seed=seed,
+        faults=len(scenario.faults),
         policy=policy,
         run=f"run-{secrets.token_hex(4)}",
         version=version("unspoken"),
     )
-    return Experiment(path, scenario, facts)
+    return Experiment(path, scenario, facts, faults)

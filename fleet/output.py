@@ -30,10 +30,9 @@ class Output:
         self.logs = directory / "logs"
         self._experiment = experiment
         self.tally = Tally()
-        scenario = experiment.scenario
+        scenario, text = experiment.scenario, experiment.scenario_text()
         self._course = Course(scenario.step_s)
         self._disk = FullDisk(scenario.faults, seed=experiment.facts.seed, step_s=scenario.step_s)
-        text = experiment.path.read_text(encoding="utf-8")
         self._recorder = Recorder(directory / "run.mcap", experiment.facts, text, self._disk.open)
 
     def __enter__(self) -> Self:

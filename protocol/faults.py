@@ -5,10 +5,10 @@ how long it lasts. What is random about it follows from the run's seed and its p
 list means the same for real processes and in virtual time.
 """
 
-from collections.abc import Sequence
-from typing import Annotated, Literal, Self
+from collections.abc import Collection, Sequence
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator
 
 from protocol.keys import Name
 from protocol.scene import Metres, NonNegative, Settings, Weights
@@ -37,19 +37,26 @@ Ids = Annotated[tuple[Id, ...], BeforeValidator(as_tuple), Field(min_length=1, m
 Interval = Annotated[tuple[Time, Time], BeforeValidator(as_tuple)]
 
 
+def _time_or_interval(value: object) -> str:
+    return "interval" if isinstance(value, Sequence) and not isinstance(value, str) else "time"
+
+
 class _Fault(Settings):
     """When: at a time, or at one drawn from an interval, in simulated seconds since step 0."""
 
-    start_s: Time | Interval = 0.0
+    start_s: Annotated[
+        Annotated[Time, Tag("time")] | Annotated[Interval, Tag("interval")], Discriminator(_time_or_interval)
+    ] = 0.0
     """A pair stands for a time drawn between both, from the seed of the run."""
     duration_s: Annotated[float, Field(gt=0, le=1e5)] | None = None
     """None: to the end of the run."""
 
-    @model_validator(mode="after")
-    def _interval_is_in_order(self) -> Self:
-        if isinstance(self.start_s, tuple) and self.start_s[0] > self.start_s[1]:
-            raise ValueError("start_s: the first time of the interval must not be after the second")
-        return self
+    @field_validator("start_s")
+    @classmethod
+    def _interval_is_in_order(cls, start_s: float | tuple[float, float]) -> float | tuple[float, float]:
+        if isinstance(start_s, tuple) and start_s[0] > start_s[1]:
+            raise ValueError("the first time of the interval must not be after the second")
+        return start_s
 
 
 class _OfRobots(_Fault):
@@ -381,3 +388,21 @@ class FaultFile(Settings):
     """A file of faults alone."""
 
     faults: Annotated[Faults, Field(min_length=1)]
+
+
+def unknown_robot(faults: Sequence[Fault], robots: Collection[str]) -> tuple[str, str] | None:
+    """The first place in a list of faults that names a robot which does not exist, and what is wrong there.
+
+    Args:
+        faults: the list.
+        robots: ids of those that exist.
+    """
+    for index, fault in enumerate(faults):
+        named = {f"robots.{place}": name for place, name in enumerate(getattr(fault, "robots", None) or ())}
+        if seen := getattr(fault, "seen", None):
+            named["seen"] = seen
+        for place, name in named.items():
+            if name not in robots:
+                what = f"there is no robot {name!r}; the robots are {', '.join(robots)}"
+                return f"faults.{index}.{place}", what
+    return None

@@ -10,7 +10,7 @@ from typing import Annotated, Self
 from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from protocol.faults import MAX_FAULTS, Faults, Id, Interval, as_tuple
+from protocol.faults import MAX_FAULTS, Faults, Id, Interval, as_tuple, unknown_robot
 from protocol.scene import MAX_ROBOTS, Goal, Metres, NonNegative, PublicRobot, Rules, Scene, Settings
 
 MAX_DELAY_STEPS = 10
@@ -105,6 +105,12 @@ class Scenario(Rules):
             if robot.id in seen:
                 raise _problem(f"robots.{index}.id", f"the id {robot.id!r} is used twice; ids must differ")
             seen.add(robot.id)
+        return self
+
+    @model_validator(mode="after")
+    def _faults_befall_robots_that_exist(self) -> Self:
+        if found := unknown_robot(self.faults, [robot.id for robot in self.robots]):
+            raise _problem(*found)
         return self
 
     @model_validator(mode="after")

@@ -110,14 +110,23 @@ def open_run(path: Path) -> RecordedRun:
         path: the file, or the directory that ``unspoken run`` has left.
 
     Raises:
-        RecordingError: there is none, it cannot be read, or its scenario is wrong.
+        RecordingError: there is none, it cannot be read, faults befell the run, or its scenario is wrong.
     """
     recording = read_recording(path / RECORDING_NAME if path.is_dir() else path)
+    if recording.facts.faults:
+        raise RecordingError(
+            f"{recording.path}: {_faults(recording.facts.faults)} of this run, so its robots may not have "
+            "decided on what is recorded; only runs without faults can be repeated"
+        )
     try:
         scenario = parse_scenario(recording.scenario_text, recording.path)
     except ScenarioError as error:
         raise RecordingError(f"the scenario attached to the recording cannot be used: {error}") from None
     return RecordedRun(recording, scenario)
+
+
+def _faults(number: int) -> str:
+    return "a fault was part" if number == 1 else f"{number} faults were part"
 
 
 def by_step(messages: Iterable[OfAStep]) -> dict[int, list[OfAStep]]:

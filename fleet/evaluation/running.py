@@ -42,6 +42,7 @@ def facts_of(run: Run) -> RunFacts:
         solver=run.solver,
         clock=CLOCK,
         seed=run.key.seed,
+        faults=len(run.scenario.faults),
         run="evaluation",
         version=version("unspoken"),
     )

@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import yaml
-
 from fleet.experiment import Experiment
 from fleet.faults.effective import effective
 from fleet.faults.link import link_faults
@@ -11,6 +9,7 @@ from fleet.faults.robot_mind import mind_faults
 from fleet.faults.schedule import schedule
 from fleet.faults.told import write_faults
 from protocol.faults import ClockStep
+from protocol.scenario_file import scenario_text
 
 
 class Faults:
@@ -35,8 +34,7 @@ class Faults:
         self.told: dict[str, str] = {}
         if scenario.faults:
             self.scenario = directory / "scenario.yaml"
-            driven = effective(scenario, seed).model_dump(mode="json", exclude_none=True)
-            self.scenario.write_text(yaml.safe_dump(driven), encoding="utf-8")
+            self.scenario.write_text(scenario_text(effective(scenario, seed)), encoding="utf-8")
             write_faults(directory / "faults.json", scenario.faults)
             self.told = {"faults": str(directory / "faults.json"), "seed": str(seed)}
 
