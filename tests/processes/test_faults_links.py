@@ -106,6 +106,7 @@ def test_other_faults_befall_processes_as_they_do_in_virtual_time(tmp_path, benc
     drives_as_in_virtual_time(bench, crossing(tmp_path / f"{what}.yaml", OTHERS[what], 3.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", ["--policy", "--no-policy"])
 def test_a_relay_on_which_no_fault_strikes_changes_nothing(tmp_path, bench, policy):
     nothing = [{"kind": "loss", "robots": [1], "rate": 1.0, "start_s": LATER_THAN_EVER_S}]

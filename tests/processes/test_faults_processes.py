@@ -123,6 +123,7 @@ def test_a_run_survives_a_pause_of_the_whole_machine(tmp_path, bench, pause_s):
     assert steps[-1] - len(steps) < 5, "the world waits for its robots and for the bench"
 
 
+@pytest.mark.slow
 def test_a_full_disk_ends_the_run_with_its_reason_and_leaves_what_was_recorded(tmp_path, bench):
     faults = [{"kind": "disk-full", "start_s": 1.0}]
     run = bench("out", "run", faulty(tmp_path / "disk.yaml", faults))
@@ -133,6 +134,7 @@ def test_a_full_disk_ends_the_run_with_its_reason_and_leaves_what_was_recorded(t
     assert messages_of(run, Truth)
 
 
+@pytest.mark.slow
 def test_a_recorder_that_dies_takes_the_run_with_it_and_leaves_what_was_recorded(tmp_path, bench):
     faults = [
         {"kind": "recorder-dies", "start_s": 1.0},

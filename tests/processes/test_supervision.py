@@ -35,6 +35,7 @@ def test_no_process_outlives_a_bench_that_is_killed_not_even_one_that_is_stopped
     until(lambda: not any(is_alive(pid) for pid in children), "the end of all processes")
 
 
+@pytest.mark.slow
 def test_a_robot_that_fails_is_started_again_and_drives_on_to_its_goal(tmp_path, bench):
     scenario = write_scenario(tmp_path / "lanes.yaml", lanes(2, 2.0), horizons=FAR_SIGHTED)
     run = bench("out", "run", scenario, "--restart", "on-failure", "--clock", "realtime")
@@ -82,6 +83,7 @@ def test_a_world_that_fails_is_started_again_and_its_robots_come_back_by_themsel
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("clock", ["lockstep", "realtime"])
 def test_a_robot_that_is_killed_drives_its_plan_for_a_step_and_then_brakes(tmp_path, bench, clock):
     scenario = write_scenario(tmp_path / "lanes.yaml", lanes(2, 9.0), horizons=FAR_SIGHTED, time_limit_s=4.0)
