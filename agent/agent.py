@@ -12,6 +12,7 @@ from agent.estimation import GoalsName
 from agent.estimation.interface import known_goal
 from agent.memory import Memory
 from agent.methods import method_of
+from agent.monitor import CollisionMonitor
 from agent.planning import Plan, plan_of
 from agent.prediction import Prediction
 from agent.solver import ITERATIONS, SolverName, joint_solver
@@ -105,6 +106,7 @@ class Agent:
         trajectories = through(joint_solver(solver, iterations, self._deadline))
         method = method_of(goals, scene, robot, trajectories, self._deadline)
         self._estimator, self._predictor, self._planner = method
+        self._monitor = CollisionMonitor(scene, robot)
         self._arrived = False
         self._parked: set[str] = set()
         self._given: deque[_Given] = deque(maxlen=DOUBTFUL + 1)
@@ -125,6 +127,7 @@ class Agent:
         self._arrived = self._has_arrived()
         thought = _Thought() if self._arrived else self._think(watch)
         self._solver_failures += len(thought.failed)
+        self._monitor.watch(self._memory, thought.prediction, observation.accuracy)
         control, then = self._act(thought)
         command = Command(
             epoch=observation.epoch,
@@ -192,6 +195,8 @@ class Agent:
         if thought.failed or thought.plan is None:
             return without_a_plan(limits, previous, speed, step_s), None
         first = first_input(thought.plan, limits, previous, speed, step_s)
+        if self._monitor.must_brake(self._memory, thought.plan, first, previous):
+            return braking_input(limits, previous, speed, step_s), None
         return first, second_input(thought.plan, limits, first, speed, step_s)
 
     def _forget_late_commands(self) -> None:
@@ -258,6 +263,7 @@ class Agent:
             plan=_as_path(thought.plan.states) if thought.plan else (),
             failed=thought.failed,
             solver_failures=self._solver_failures,
+            interventions=self._monitor.interventions,
             cut_short_at=self._deadline.cut_short_at,
             timings_ms=watch.timings(),
         )

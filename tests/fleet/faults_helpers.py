@@ -18,11 +18,10 @@ EPOCH = 5
 STEP_S = 0.1
 SCENE = Scene(step_s=STEP_S, robots={"1": PublicRobot(), "2": PublicRobot()})
 MEETING = [
-    {"id": 1, "start": {"x_m": -1.5, "y_m": 0.0}, "goal": {"x_m": 1.5, "y_m": 0.0}},
-    {"id": 2, "start": {"x_m": 1.5, "y_m": 0.4}, "goal": {"x_m": -1.5, "y_m": 0.4}},
+    {"id": 1, "start": {"x_m": -4.0, "y_m": 0.0}, "goal": {"x_m": 4.0, "y_m": 0.0}},
+    {"id": 2, "start": {"x_m": 1.0, "y_m": -4.0}, "goal": {"x_m": 1.0, "y_m": 4.0}},
 ]
-"""They must give way to each other."""
-SHORT_SIGHTED = {"prediction_steps": 8, "estimation_steps": 3}
+"""They cross each other's way, and both have arrived after less than 6 s."""
 
 
 def fault(kind: str, **fields: Any) -> dict[str, Any]:
@@ -89,7 +88,7 @@ def due(over: Link, step: int) -> list[Command]:
 
 
 def scenario(*faults: Mapping[str, Any], **rules: Any) -> Scenario:
-    plain = {"name": "meeting", "horizons": SHORT_SIGHTED, "time_limit_s": 6.0, "robots": MEETING}
+    plain = {"name": "meeting", "time_limit_s": 10.0, "robots": MEETING}
     return Scenario.model_validate({**plain, "faults": list(faults), **rules})
 
 

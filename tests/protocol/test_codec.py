@@ -150,6 +150,7 @@ COMMAND: dict[str, Any] = {
     "turn_rate_radps": 0.25,
     "acceleration_mps2": -0.5,
     "then": [0.125, -0.25],
+    "withheld": False,
 }
 OBSERVATION: dict[str, Any] = {
     "schema_version": 1,
@@ -359,7 +360,10 @@ def test_a_command_may_say_nothing_of_the_step_after() -> None:
     assert decode(Command, packed({**COMMAND, "then": None})).then is None
 
 
-@pytest.mark.parametrize("field", [name for name in COMMAND if name not in ("schema_version", "then")])
+OPTIONAL = ("schema_version", "then", "withheld")
+
+
+@pytest.mark.parametrize("field", [name for name in COMMAND if name not in OPTIONAL])
 def test_a_missing_field_is_named(field: str) -> None:
     rest = {name: value for name, value in COMMAND.items() if name != field}
     assert refusal(Command, packed(rest)).startswith(f"Command: {field}: Field required")
