@@ -47,10 +47,10 @@ def truths(process):
     ]
 
 
-def drives_as_in_virtual_time(bench, scenario):
+def drives_as_in_virtual_time(bench, scenario, *options):
     """Check it; return what was driven."""
-    processes = truths(bench("run", "run", scenario))
-    assert processes == truths(bench("simulate", "simulate", scenario))
+    processes = truths(bench("run", "run", scenario, *options))
+    assert processes == truths(bench("simulate", "simulate", scenario, *options))
     return processes
 
 
@@ -63,8 +63,10 @@ def test_loss_and_garbage_befall_processes_as_they_do_in_virtual_time(tmp_path, 
         {"kind": "command-loss", "rate": 0.2},
         {"kind": "ignores", "robots": [2], "start_s": 0.8},
     ]
-    disturbed = drives_as_in_virtual_time(bench, crossing(tmp_path / "disturbed.yaml", faults, 1.5))
-    calm = truths(bench("calm", "simulate", crossing(tmp_path / "calm.yaml", [], 1.5)))
+    scenario, file = crossing(tmp_path / "calm.yaml", [], 1.5), tmp_path / "faults.yaml"
+    file.write_text(yaml.safe_dump({"faults": faults}), encoding="utf-8")
+    disturbed = drives_as_in_virtual_time(bench, scenario, "--faults", file)
+    calm = truths(bench("calm", "simulate", scenario))
     assert len(disturbed) == len(calm)
     assert disturbed != calm, "the faults change what is driven"
 
