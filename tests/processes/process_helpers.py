@@ -77,6 +77,15 @@ def is_alive(pid: int) -> bool:
     return True
 
 
+def ends_all(pids):
+    """Check that the end of a bench is that of its processes; end them where it is not."""
+    try:
+        until(lambda: not any(is_alive(pid) for pid in pids), "the end of all processes")
+    finally:
+        for pid in filter(is_alive, pids):
+            os.kill(pid, signal.SIGKILL)
+
+
 class Process:
     """One ``unspoken …``; its output goes to files in its directory.
 

@@ -7,7 +7,7 @@ import signal
 
 import pytest
 import yaml
-from process_helpers import is_alive, lanes, recorded, until
+from process_helpers import ends_all, lanes, recorded
 
 from protocol.messages import Mind, PublicScene, Truth
 from protocol.vehicle import Input, Limits, braking_input
@@ -145,7 +145,7 @@ def test_a_recorder_that_dies_takes_the_run_with_it_and_leaves_what_was_recorded
     run.logs("world", "all robots present")
     children = run.children()
     assert run.end() == -signal.SIGKILL
-    until(lambda: not any(is_alive(pid) for pid in children), "the end of all processes")
+    ends_all(children)
     assert len(children) == 4
     assert messages_of(run, Truth)
     assert os.listdir(run.out / "logs")

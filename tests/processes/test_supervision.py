@@ -6,7 +6,7 @@ import os
 import signal
 
 import pytest
-from process_helpers import endless, is_alive, lanes, recorded, until, write_scenario
+from process_helpers import endless, ends_all, lanes, recorded, write_scenario
 
 from protocol.messages import Command, Mind, PublicScene, Truth
 from protocol.vehicle import Input, Limits, braking_input
@@ -32,7 +32,7 @@ def test_no_process_outlives_a_bench_that_is_killed_not_even_one_that_is_stopped
     os.kill(run.pid("agent", "2"), signal.SIGSTOP)
     run.signal(signal.SIGKILL)
     assert run.end() == -signal.SIGKILL
-    until(lambda: not any(is_alive(pid) for pid in children), "the end of all processes")
+    ends_all(children)
 
 
 @pytest.mark.slow
@@ -54,7 +54,7 @@ def test_a_robot_that_fails_is_started_again_and_drives_on_to_its_goal(tmp_path,
 
 
 @pytest.mark.slow
-def test_a_world_that_fails_is_started_again_and_its_robots_come_back_by_themselves(tmp_path, bench):
+def test_a_world_that_fails_is_started_again_and_its_robots_come_back_by_themselves(tmp_path, bench, process):
     scenario = write_scenario(tmp_path / "lanes.yaml", lanes(2, 2.0), horizons=FAR_SIGHTED)
     run = bench("out", "run", scenario, "--restart", "on-failure")
     run.reach(5)
@@ -73,6 +73,9 @@ def test_a_world_that_fails_is_started_again_and_its_robots_come_back_by_themsel
     for robot in ("1", "2"):
         answered = [each.step for each in last if isinstance(each, Command) and each.robot == robot]
         assert answered == list(range(len(truths) - 1))
+    audit = process("audit", "audit", run.out)
+    assert audit.end() == 2
+    assert "the world was started again" in audit.complained
     summary = summary_of(run)
     assert summary["restarts"] == {"world": 1}
     assert summary["refused"] == truths[-1].refused == {}, "no robot answered the former world"
