@@ -122,7 +122,7 @@ class RobotProcess:
         if session is None:
             return
         with session:
-            agent, epoch = self._join(session)
+            agent, epoch = self._join(session, None, None)
             _poses = session.declare_subscriber(
                 self._keys.pose(self._options.robot),
                 lambda sample: self._inbox.store(sample.payload.to_bytes()),
@@ -131,7 +131,7 @@ class RobotProcess:
             _presence = session.liveliness().declare_token(self._keys.alive(self._options.robot))
             while (observation := self._inbox.next()) is not None:
                 if observation.epoch != epoch:
-                    agent, epoch = self._join(session)
+                    agent, epoch = self._join(session, agent, epoch)
                 if agent is not None and observation.epoch == epoch:
                     self._answer(session, agent, observation)
         self._log.info("stopped", late_decisions=self._late.count)
@@ -166,12 +166,19 @@ class RobotProcess:
             forbid_compiling()
             self._log.info("ready to decide", loaded_in_s=round(duration_s, 2))
 
-    def _join(self, session: zenoh.Session) -> tuple[Decides | None, int | None]:
-        """Begin anew with the scene of the present world, and with its epoch; neither if stopped before."""
+    def _join(
+        self, session: zenoh.Session, agent: Decides | None, epoch: int | None
+    ) -> tuple[Decides | None, int | None]:
+        """Begin anew with the scene of the present world, and with its epoch; neither if stopped before.
+
+        Where the world is still that of the present epoch, only a pose was wrong, and nothing begins anew.
+        """
         while not self._stopped:
             for reply in session.get(self._keys.scene, timeout=SCENE_TIMEOUT_S):
                 if reply.ok is not None:
                     public = decode(PublicScene, reply.ok.payload.to_bytes())
+                    if public.epoch == epoch:
+                        return agent, epoch
                     self._log.info("joined", epoch=public.epoch, robots=len(public.scene.robots))
                     return self._agent(public.scene), public.epoch
             time.sleep(SCENE_PAUSE_S)

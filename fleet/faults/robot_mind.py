@@ -21,6 +21,9 @@ from protocol.vehicle import STANDSTILL
 MIND_KINDS: Final[tuple[type[Any], ...]] = (*BEHAVIOURS, NoTime, SolverFailure, Infeasible)
 """The kinds of faults that lie on minds."""
 
+COUNTED: Final = ("solver_failures", "interventions")
+"""What a mind counts up from joining an epoch on, however often the algorithm begins anew."""
+
 
 class MakeAgent(Protocol):
     """Makes a robot's algorithm, which has not seen anything yet."""
@@ -83,7 +86,7 @@ class RobotMind:
         self._given = STANDSTILL
         self._is_withdrawn = False
         self._ordinals = count()
-        self._solver_failures = self._failures_before = 0
+        self._counts = self._counts_before = dict.fromkeys(COUNTED, 0)
         self._agent = self._begun()
 
     def decide(self, observation: Observation) -> Decision | None:
@@ -114,7 +117,7 @@ class RobotMind:
         self._fault = fault
         kind = Behaviour if fault is None else BEHAVIOURS[type(fault.fault)]
         self._behaviour = kind(fault and fault.fault, self._robot, home)
-        self._failures_before = self._solver_failures
+        self._counts_before = self._counts
         self._agent = self._begun()
 
     def _begun(self) -> Agent:
@@ -140,9 +143,10 @@ class RobotMind:
 
     def _said(self, decision: Decision, observation: Observation) -> Decision:
         """What the robot says of its decision, counted on from before the algorithm began anew."""
-        self._solver_failures = self._failures_before + decision.mind.solver_failures
-        counts = {"decision": next(self._ordinals), "solver_failures": self._solver_failures}
-        said = replace(decision, mind=decision.mind.model_copy(update=counts))
+        mind = decision.mind
+        self._counts = {name: before + getattr(mind, name) for name, before in self._counts_before.items()}
+        mind = mind.model_copy(update={"decision": next(self._ordinals), **self._counts})
+        said = replace(decision, mind=mind)
         self._is_withdrawn = False
         wanted = self._behaviour.input(observation.robots[self._robot], self._given, self._scene)
         if wanted is not None:

@@ -69,8 +69,7 @@ class VirtualRobot:
             return None
         newest = self._inbox.next()
         if newest is None or newest.epoch != self._epoch:
-            self._mind = self._make_mind()  # the world seems to be another one, so the robot joins it anew
-            return None
+            return None  # a process asks the world for its epoch, and stays in the one that it has joined
         return self._mind.decide(newest)
 
 

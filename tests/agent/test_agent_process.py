@@ -24,15 +24,15 @@ KEYS = Keys("run")
 
 
 class Slow:
-    """Stands for the agent: during its first decision, the pose of the next step comes in."""
+    """Stands for the agent: where it is given the world, the next pose comes in during its first decision."""
 
-    def __init__(self, world):
+    def __init__(self, world=None):
         self._world = world
         self.answered, self.withdrawn = [], []
 
     def decide(self, observation):
         step = observation.step
-        if not self.answered:
+        if self._world and not self.answered:
             self._world.show(step + 1)
             self._world.wait_until_stored(step + 1)
         self.answered.append(step)
@@ -87,9 +87,10 @@ class World:
             session.liveliness().declare_subscriber(KEYS.alive("a"), lambda _: self.present.set()),
         )
 
-    def show(self, step):
+    def show(self, step, epoch=EPOCH):
         """Publish a pose."""
-        self._poses.put(encode(seen(step, {"a": (0.0, 0.0, 0.0, 0.0)})))
+        pose = seen(step, {"a": (0.0, 0.0, 0.0, 0.0)})
+        self._poses.put(encode(pose.model_copy(update={"epoch": epoch})))
 
     def wait_until_stored(self, step):
         """Until this pose lies in the robot's inbox."""
@@ -104,17 +105,20 @@ def endpoint():
     shutil.rmtree(folder)
 
 
+def options_of(endpoint):
+    goal = Goal(x_m=4.0, y_m=0.0, heading_rad=0.0)
+    return RobotOptions(
+        "a", goal, endpoint, None, KEYS.run, goals="ioc", solver="reference", iterations=1, budget_s=None
+    )
+
+
 def test_a_decision_that_a_newer_pose_has_overtaken_is_thought_but_not_commanded(endpoint, monkeypatch):
     with zenoh.open(world_session(endpoint).to_zenoh()) as session, capture_logs() as log:
         world = World(session, monkeypatch)
         slow = Slow(world)
         monkeypatch.setattr("agent.process.Agent", lambda *_, **__: slow)
         monkeypatch.setattr("agent.process.compile_in_background", lambda **_: False)
-        goal = Goal(x_m=4.0, y_m=0.0, heading_rad=0.0)
-        options = RobotOptions(
-            "a", goal, endpoint, None, KEYS.run, goals="ioc", solver="reference", iterations=1, budget_s=None
-        )
-        robot = RobotProcess(options)
+        robot = RobotProcess(options_of(endpoint))
         runs = threading.Thread(target=robot.run)
         runs.start()
         assert world.present.wait(PATIENCE_S)
@@ -127,3 +131,23 @@ def test_a_decision_that_a_newer_pose_has_overtaken_is_thought_but_not_commanded
     told = [(entry["event"], entry.get("late_decisions")) for entry in log]
     assert ("decided too late", None) in told
     assert told[-1] == ("stopped", 1)
+
+
+def test_a_pose_of_another_epoch_does_not_make_a_robot_forget(endpoint, monkeypatch):
+    with zenoh.open(world_session(endpoint).to_zenoh()) as session:
+        world, made = World(session, monkeypatch), []
+        monkeypatch.setattr("agent.process.compile_in_background", lambda **_: False)
+        robot = RobotProcess(options_of(endpoint), lambda *_: made.append(Slow()) or made[-1])
+        runs = threading.Thread(target=robot.run)
+        runs.start()
+        assert world.present.wait(PATIENCE_S)
+        said = []
+        for step, epoch in ((0, EPOCH), (1, EPOCH + 1), (2, EPOCH)):
+            world.show(step, epoch)
+            world.wait_until_stored(step)
+            if epoch == EPOCH:
+                said += [world.said.get(timeout=PATIENCE_S) for _ in range(2)]
+        robot.stop()
+        runs.join()
+    assert said == [(Mind, 0), (Command, 0), (Mind, 2), (Command, 2)]
+    assert [agent.answered for agent in made] == [[0, 2]]

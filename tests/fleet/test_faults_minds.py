@@ -32,7 +32,7 @@ def minds(driven: list[Moment]) -> list[Any]:
 
 
 def test_a_robot_stops_and_stays() -> None:
-    driven = moments(first("stops"))
+    driven = moments(first("stops"), time_limit_s=4.0)
     there = [place(truth, "1") for truth in truths(driven)]
     assert standing(driven)
     assert distance_m(there[-1], (4.0, 0.0)) > 1.0
@@ -53,8 +53,8 @@ def test_a_robot_that_stopped_for_a_while_arrives() -> None:
 @pytest.mark.parametrize("goals", ["joint-fit", "exchanged"])
 def test_a_robot_that_ignores_others_drives_as_if_alone(goals: Any) -> None:
     alone = moments(goals=goals, **ALONE)
-    driven = moments(first("ignores", start_s=0.0), goals=goals)
-    minded = moments(goals=goals)
+    driven = moments(first("ignores", start_s=0.0), goals=goals, time_limit_s=3.0)
+    minded = moments(goals=goals, time_limit_s=3.0)
     way = [place(truth, "1") for truth in truths(alone)]
     count = min(len(way), len(driven))
     assert [place(truth, "1") for truth in truths(driven)][:count] == way[:count]
@@ -96,9 +96,10 @@ def test_a_chased_robot_that_stands_is_run_into() -> None:
 
 
 def test_another_cost_makes_another_way_and_others_are_still_minded() -> None:
-    plain = moments()
+    plain = moments(time_limit_s=2.5)
     hasty = moments(
-        first("other-cost", start_s=0.0, weights={"x": 50.0, "y": 50.0, "heading": 0.0, "speed": 0.0})
+        first("other-cost", start_s=0.0, weights={"x": 50.0, "y": 50.0, "heading": 0.0, "speed": 0.0}),
+        time_limit_s=2.5,
     )
     top_mps = [max(truth.robots["1"].state.speed_mps for truth in truths(run)) for run in (plain, hasty)]
     assert top_mps[1] > 1.05 * top_mps[0]
@@ -140,7 +141,7 @@ def test_solver_failures_strike_a_share_of_the_steps() -> None:
 
 
 def test_no_distance_can_be_kept_to_an_obstacle_on_top_of_the_robot() -> None:
-    driven = moments(first("infeasible", start_s=0.0), **ALONE)
+    driven = moments(first("infeasible", start_s=0.0), **ALONE | {"time_limit_s": 1.0})
     plan = minds(driven)[0].plan
     assert max(distance_m(point, (-4.0, 0.0)) for point in plan) > 1.0, "it flees"
     healthy = minds(moments(**ALONE))[0].plan
