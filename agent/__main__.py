@@ -10,7 +10,7 @@ import zenoh
 
 from agent.estimation import DEFAULT_GOALS, GoalsName
 from agent.orca import is_available
-from agent.process import RobotOptions, RobotProcess, SceneError
+from agent.process import MakeAgent, RobotOptions, RobotProcess, SceneError, make_agent
 from agent.solver import ITERATIONS, SolverName
 from agent.warm import CompilingError
 from protocol.codec import MessageError
@@ -19,7 +19,7 @@ from protocol.identity import IdentityError, client_identity
 from protocol.keys import checked_name
 from protocol.scene import Goal
 from protocol.session import reason_of
-from protocol.signals import on_wish_to_end
+from protocol.signals import end_with_parent, on_wish_to_end
 
 WRONG_USAGE = 2
 FAILED = 3
@@ -155,6 +155,41 @@ def main(
     Exit status: 0 stopped, 2 wrong usage, password or keys, 3 the world does not fit this robot or
     cannot be reached at all, or there is no place for the compiled solver.
     """
+    run_robot(
+        make_agent,
+        robot=robot,
+        goal=goal,
+        connect=connect,
+        password_file=password_file,
+        keys=keys,
+        run=run,
+        goals=goals,
+        solver=solver,
+        iterations=iterations,
+        budget_ms=budget_ms,
+    )
+
+
+def run_robot(
+    make_agent: MakeAgent,
+    *,
+    robot: str,
+    goal: str,
+    connect: str,
+    password_file: Path | None,
+    keys: Path | None,
+    run: str,
+    goals: GoalsName,
+    solver: SolverName,
+    iterations: int,
+    budget_ms: float | None,
+) -> None:
+    """Be one robot with a mind of this make; the options are those of the command line.
+
+    Raises:
+        typer.Exit: the robot has failed; why was told.
+    """
+    end_with_parent()
     budget_s = None if budget_ms is None else budget_ms / 1000.0
     try:
         now = datetime.now(UTC)
@@ -167,7 +202,7 @@ def main(
     )
     if isinstance(identity, DeviceKeys) and (warning := identity.warning(now)):
         typer.echo(f"robot {robot}: {warning}", err=True)
-    process = RobotProcess(options)
+    process = RobotProcess(options, make_agent)
     on_wish_to_end(process.stop)
     try:
         process.run()

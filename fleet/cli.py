@@ -25,6 +25,7 @@ from fleet.live import run_processes
 from fleet.reporting.command import report
 from fleet.simulation import simulate as simulate_messages
 from fleet.suites.command import app as scenarios
+from fleet.supervision import Restart
 from protocol.scenario_file import ScenarioError
 from world.process import ClockKind, ExitStatus
 
@@ -82,6 +83,7 @@ def run(
         ),
     ] = None,
     seed: SeedOption = 0,
+    faults: FaultsOption = None,
     policy: Annotated[
         bool,
         typer.Option(
@@ -89,6 +91,9 @@ def run(
             help="Let every process read and say what it is granted and nothing else, or let all do all.",
         ),
     ] = True,
+    restart: Annotated[
+        Restart, typer.Option(help="Whether a process that fails before the run is over is started again.")
+    ] = Restart.NEVER,
     out: OutOption = None,
 ) -> None:
     """Run a scenario in real processes: a world, and one process per robot.
@@ -105,9 +110,10 @@ def run(
         iterations=iterations,
         budget_ms=budget_ms,
         policy=policy,
+        faults=faults,
     )
     begin = f"starting the world and {_robots(experiment)}"
-    _conduct(experiment, out, partial(run_processes, experiment), begin)
+    _conduct(experiment, out, partial(run_processes, experiment, restart=restart), begin)
 
 
 @app.command()

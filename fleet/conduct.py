@@ -12,11 +12,11 @@ from fleet.interruption import Interruption
 from fleet.output import Output, OutputError
 from fleet.progress import RunProgress
 from fleet.recording import RecordingError
-from fleet.stream import BusMessage, RefusedMind
+from fleet.stream import BusMessage, StreamItem
 from fleet.verdict_table import refusal_lines, robot_table, verdict_line
 from world.process import ExitStatus
 
-Stream = Callable[[Path, Interruption], Iterator[BusMessage | RefusedMind]]
+Stream = Callable[[Path, Interruption], Iterator[StreamItem]]
 """Makes a run's messages, given the directory for logs and the wish to end."""
 
 
@@ -45,7 +45,7 @@ def conduct(experiment: Experiment, directory: Path, stream: Stream, begin: str)
 
 
 def _follow(
-    messages: Iterator[BusMessage | RefusedMind],
+    messages: Iterator[StreamItem],
     output: Output,
     progress: RunProgress,
     interruption: Interruption,

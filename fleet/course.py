@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.messages import Message, Mind, Truth
+from protocol.messages import Message, Mind, PublicScene, Truth
 
 PUBLISHED_TIMES_S = (1.6, 3.0)
 """The publication's figure shows a run at these times and at its end."""
@@ -28,6 +28,7 @@ class Course:
     """Gathers a run from its messages, as they come or from a recording.
 
     Of the ways everything is kept, 32 bytes a robot and step; of the estimates only those that may be shown.
+    Where the world was started again in between, its last epoch is shown.
 
     Args:
         step_s: Δt in s.
@@ -35,6 +36,10 @@ class Course:
 
     def __init__(self, step_s: float) -> None:
         self._step_s = step_s
+        self._epoch: int | None = None
+        self._begin()
+
+    def _begin(self) -> None:
         self._poses: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))
         self._early_estimates: dict[int, defaultdict[str, Points]] = {}
         self._late_estimates: dict[int, defaultdict[str, Points]] = {}
@@ -43,6 +48,9 @@ class Course:
 
     def add(self, message: Message) -> None:
         """Take a truth or a mind; other messages show nothing more."""
+        if isinstance(message, PublicScene | Truth) and message.epoch != self._epoch:
+            self._epoch = message.epoch
+            self._begin()
         if isinstance(message, Truth):
             self.end_s = message.time_s
             for name, robot in message.robots.items():

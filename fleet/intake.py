@@ -21,6 +21,7 @@ class Intake:
     def __init__(self, keys: Keys) -> None:
         self._keys = keys
         self._epoch: int | None = None
+        self._past_epochs: set[int | None] = set()
         self._step = 0
         self._last: dict[str, int] = {}
 
@@ -33,6 +34,8 @@ class Intake:
         kind = KINDS[self._keys.kind_of(letter.key)]
         if not issubclass(kind, Command | Mind):
             message = decode(kind, letter.payload)
+            if message.epoch in self._past_epochs:  # it came late: that world is gone
+                return None
             self._follow(message)
             return BusMessage(letter.key, message, letter.time_ns)
         robot = self._keys.robot_of(letter.key)
@@ -44,7 +47,9 @@ class Intake:
     def _follow(self, message: Message) -> None:
         """The world says which epoch and which step it is."""
         if isinstance(message, PublicScene | Truth) and message.epoch != self._epoch:
+            self._past_epochs.add(self._epoch)
             self._epoch = message.epoch
+            self._step = 0
             self._last.clear()
         if isinstance(message, Truth):
             self._step = message.step

@@ -19,10 +19,12 @@ class Logins:
     """
 
     def __init__(self, directory: Path, robots: Iterable[str]) -> None:
+        self._directory = directory
         self._users = directory / "users"
         passwords = new_passwords([BENCH_NAME, *robots])
         write_users(self._users, passwords)
         self.bench = Login(BENCH_NAME, passwords.pop(BENCH_NAME))
+        self._passwords = passwords
         self._files = {robot: directory / f"{robot}.password" for robot in passwords}
         for robot, password in passwords.items():
             write_password(self._files[robot], password)
@@ -34,6 +36,16 @@ class Logins:
     def of_robot(self, robot: str) -> dict[str, str]:
         """Settings of a robot's process."""
         return {"password_file": str(self._files[robot])}
+
+    def of_relay(self, robot: str) -> dict[str, str]:
+        """Settings of a process that stands for a robot at the world, and for the world at the robot.
+
+        Raises:
+            OSError: its file of users cannot be written.
+        """
+        users = self._directory / f"{robot}.users"
+        write_users(users, {robot: self._passwords[robot]})
+        return {"users": str(users), **self.of_robot(robot)}
 
 
 class NoLogins:
@@ -47,4 +59,8 @@ class NoLogins:
 
     def of_robot(self, _robot: str) -> dict[str, str]:
         """Settings of a robot's process."""
+        return {}
+
+    def of_relay(self, _robot: str) -> dict[str, str]:
+        """Settings of a process between a robot and the world."""
         return {}

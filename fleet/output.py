@@ -5,10 +5,12 @@ from typing import Self
 
 from fleet.course import Course
 from fleet.experiment import Experiment
+from fleet.faults.full_disk import FullDisk
 from fleet.picture import draw_paths
 from fleet.recording import Recorder
-from fleet.stream import BusMessage, RefusedMind
+from fleet.stream import RefusedMind, Restarted, StreamItem
 from fleet.summary import Summary, Tally
+from protocol.messages import Truth
 
 
 class OutputError(Exception):
@@ -28,9 +30,10 @@ class Output:
         self.logs = directory / "logs"
         self._experiment = experiment
         self.tally = Tally()
-        self._course = Course(experiment.scenario.step_s)
-        text = experiment.scenario_text()
-        self._recorder = Recorder(directory / "run.mcap", experiment.facts, text)
+        scenario, text = experiment.scenario, experiment.scenario_text()
+        self._course = Course(scenario.step_s)
+        self._disk = FullDisk(scenario.faults, seed=experiment.facts.seed, step_s=scenario.step_s)
+        self._recorder = Recorder(directory / "run.mcap", experiment.facts, text, self._disk.open)
 
     def __enter__(self) -> Self:
         """Make the directory and open the recording.
@@ -54,8 +57,8 @@ class Output:
         """Close the recording, whatever happened."""
         self._recorder.__exit__()
 
-    def take(self, item: BusMessage | RefusedMind) -> None:
-        """Record a message and count it; what was refused is only counted.
+    def take(self, item: StreamItem) -> None:
+        """Record a message and count it; what was refused, and who was started again, is only counted.
 
         Raises:
             RecordingError: the disk does not take it.
@@ -63,6 +66,11 @@ class Output:
         if isinstance(item, RefusedMind):
             self.tally.refuse(item)
             return
+        if isinstance(item, Restarted):
+            self.tally.count_restart(item)
+            return
+        if isinstance(item.message, Truth):
+            self._disk.at(item.message.step)
         self._recorder.record(item.key, item.message, item.time_ns)
         self.tally.add(item.message)
         self._course.add(item.message)

@@ -1,8 +1,9 @@
 """Recordings of runs: every bus message in one MCAP file, which Foxglove and other tools open."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from io import BufferedWriter
 from pathlib import Path
 from typing import Final, Self
 
@@ -56,14 +57,22 @@ class Recorder:
         path: the file to write; one that exists is replaced.
         facts: what the run is.
         scenario_text: the scenario file as it was read.
+        open_file: opens the file for writing.
     """
 
-    def __init__(self, path: Path, facts: RunFacts, scenario_text: str) -> None:
+    def __init__(
+        self,
+        path: Path,
+        facts: RunFacts,
+        scenario_text: str,
+        open_file: Callable[[Path], BufferedWriter] = lambda path: path.open("wb"),
+    ) -> None:
         self._path = path
         self._facts = facts
         self._scenario_text = scenario_text
         self._channels: dict[tuple[str, type[Message]], int] = {}
         self._schemas: dict[type[Message], int] = {}
+        self._open_file = open_file
         self._closed = False
         self._whole_bytes = 0
 
@@ -74,7 +83,7 @@ class Recorder:
             RecordingError: the file cannot be opened or written.
         """
         try:
-            self._file = self._path.open("wb")
+            self._file = self._open_file(self._path)
         except OSError as error:
             raise RecordingError(f"{self._path}: cannot write a recording there: {error.strerror}") from error
         self._writer = Writer(self._file, chunk_size=CHUNK_BYTES)

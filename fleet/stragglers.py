@@ -11,26 +11,28 @@ class Stragglers:
     """
 
     def __init__(self) -> None:
-        self._answered: dict[str, int] = {}
+        self._answered: dict[str, tuple[int, int]] = {}
         self._truth: Truth | None = None
-        self._due: dict[str, int] = {}
+        self._due: dict[str, tuple[int, int]] = {}
 
     def add(self, message: Message) -> None:
         """Take a command or a truth; other messages tell nothing more."""
         if isinstance(message, Command):
-            self._answered[message.robot] = message.step
+            self._answered[message.robot] = (message.epoch, message.step)
         elif isinstance(message, Truth):
             before, self._truth = self._truth, message
-            self._due = obeyed(before, message) if before is not None else {}
+            steps = obeyed(before, message) if before is not None else {}
+            self._due = {robot: (message.epoch, step) for robot, step in steps.items()}
 
     def on_their_way(self) -> bool:
         """Whether a command that led to the newest truth has not been taken."""
-        return any(self._answered.get(robot) != step for robot, step in self._due.items())
+        return any(self._answered.get(robot) != due for robot, due in self._due.items())
 
 
 def obeyed(before: Truth, after: Truth) -> dict[str, int]:
     """By robot, the step whose command led from one truth to the next; without those who missed it."""
-    if after.step == before.step:  # the verdict on an interrupted step
+    # The verdict on an interrupted step, or the first truth of a world that was started again.
+    if after.step == before.step or after.epoch != before.epoch:
         return {}
     return {
         robot: before.step

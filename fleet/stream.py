@@ -33,3 +33,13 @@ class RefusedMind(NamedTuple):
     robot: str
     reason: Refusal | Literal["too many at once"]
     how_many: int = 1
+
+
+class Restarted(NamedTuple):
+    """A process of the run was started again."""
+
+    process: str
+
+
+StreamItem = BusMessage | RefusedMind | Restarted
+"""What a run tells."""

@@ -11,8 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from fleet.facts import RunFacts
 from fleet.files import write_whole
-from fleet.stream import RefusedMind
-from protocol.messages import Message, Mind, TrueRobot, Truth
+from fleet.stream import RefusedMind, Restarted
+from protocol.messages import Message, Mind, PublicScene, TrueRobot, Truth
 
 
 class _Record(BaseModel):
@@ -77,6 +77,8 @@ class Summary(_Record):
     clipped_commands: int
     refused: dict[str, dict[str, int]]
     """Messages that were not taken, by robot and reason; reasons of minds begin with ``mind:``."""
+    restarts: dict[str, int] = {}
+    """How often processes were started again, by their name; only those that were."""
     robots: tuple[RobotSummary, ...]
     phases_ms: Phases
 
@@ -90,9 +92,17 @@ class Summary(_Record):
 
 
 class Tally:
-    """Counts up a run from its messages, as they come or from a recording."""
+    """Counts up a run from its messages, as they come or from a recording.
+
+    Where the world was started again in between, the messages of its last epoch count.
+    """
 
     def __init__(self) -> None:
+        self._restarts: Counter[str] = Counter()
+        self._epoch: int | None = None
+        self._begin()
+
+    def _begin(self) -> None:
         self._truth: Truth | None = None
         self._robots: dict[str, TrueRobot] = {}
         self._solver_failures: dict[str, int] = {}
@@ -101,6 +111,9 @@ class Tally:
 
     def add(self, message: Message) -> None:
         """Count a truth or a mind, in the order of their steps; other messages tell nothing more."""
+        if isinstance(message, PublicScene | Truth) and message.epoch != self._epoch:
+            self._epoch = message.epoch
+            self._begin()
         if isinstance(message, Truth):
             self._truth = message
             # A robot that has vanished keeps what it had reached.
@@ -117,6 +130,10 @@ class Tally:
         self._refused_minds.setdefault(refused.robot, Counter())[f"mind: {refused.reason}"] += (
             refused.how_many
         )
+
+    def count_restart(self, restarted: Restarted) -> None:
+        """Count a process that was started again."""
+        self._restarts[restarted.process] += 1
 
     @property
     def refused(self) -> dict[str, dict[str, int]]:
@@ -158,6 +175,7 @@ class Tally:
             deadline_misses=sum(robot.deadline_misses for robot in self._robots.values()),
             clipped_commands=sum(self.clipped_commands.values()),
             refused=self.refused,
+            restarts=dict(self._restarts),
             robots=tuple(self._robot(name, robot) for name, robot in self._robots.items()),
             phases_ms=Phases(**{name: _percentiles(values) for name, values in self._durations_ms.items()}),
         )

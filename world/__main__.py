@@ -7,6 +7,7 @@ import typer
 
 from protocol.keys import NAME_RULE, checked_name
 from protocol.scenario_file import ScenarioError, load_scenario
+from protocol.signals import end_with_parent
 from scenarios import find
 from world.access import Access, AccessError
 from world.process import ClockKind, EndpointError, ExitStatus, WorldOptions, run_world
@@ -86,6 +87,14 @@ def main(
             "--exchange-goals", envvar="UNSPOKEN_EXCHANGE_GOALS", help="Tell every robot all goals."
         ),
     ] = False,
+    await_reader: Annotated[
+        bool,
+        typer.Option(
+            "--await-reader",
+            envvar="UNSPOKEN_AWAIT_READER",
+            help="Begin when the truth has a reader, too, so that it misses nothing.",
+        ),
+    ] = False,
     start_timeout: Annotated[
         float,
         typer.Option(
@@ -108,13 +117,16 @@ def main(
     Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage, scenario,
     passwords or keys, 3 robots were missing at the start or the endpoint could not be opened.
     """
+    end_with_parent()
     try:
         loaded = load_scenario(find(scenario))
     except ScenarioError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(ExitStatus.WRONG_USAGE) from None
     access = Access(listen, users, keys, insecure)
-    options = WorldOptions(loaded, access, run, clock, seed, exchange_goals, start_timeout, answer_timeout)
+    options = WorldOptions(
+        loaded, access, run, clock, seed, exchange_goals, await_reader, start_timeout, answer_timeout
+    )
     try:
         status = run_world(options)
     except AccessError as error:

@@ -7,7 +7,7 @@ from functools import partial
 import zenoh
 
 from protocol.codec import encode
-from protocol.keys import Keys
+from protocol.keys import BENCH_NAME, Keys
 from protocol.messages import Observation, PublicScene, Truth
 from world.inbox import Inbox
 
@@ -42,6 +42,9 @@ class Bus:
             present = sample.kind == zenoh.SampleKind.PUT
             inbox.store_presence(keys.robot_of(str(sample.key_expr)), present=present)
 
+        def store_reader(status: zenoh.MatchingStatus) -> None:
+            inbox.store_presence(BENCH_NAME, present=status.matching)
+
         self._poses = {
             robot: session.declare_publisher(
                 keys.pose(robot),
@@ -51,6 +54,9 @@ class Bus:
             for robot in robots
         }
         self._truth = session.declare_publisher(keys.truth, congestion_control=zenoh.CongestionControl.BLOCK)
+        self._reading = self._truth.declare_matching_listener(store_reader)
+        if self._truth.matching_status.matching:  # type: ignore[attr-defined]  # zenoh's stub says bool
+            inbox.store_presence(BENCH_NAME, present=True)
         # Presence comes last: a robot that is seen as present can be sure that all else is there.
         self._declared = (
             session.declare_queryable(keys.scene, answer),

@@ -8,7 +8,7 @@ from enum import IntEnum, StrEnum
 import structlog
 import zenoh
 
-from protocol.keys import Keys
+from protocol.keys import BENCH_NAME, Keys
 from protocol.messages import PublicScene
 from protocol.scenario import Scenario
 from protocol.session import SessionSettings, reason_of, receive_on_threads
@@ -50,6 +50,7 @@ class WorldOptions:
     clock: ClockKind
     seed: int
     exchange_goals: bool
+    await_reader: bool
     start_timeout_s: float
     answer_timeout_s: float
 
@@ -93,7 +94,8 @@ def run_world(options: WorldOptions) -> ExitStatus:
             epoch=epoch,
         )
         run = Run(world, _clock(options), inbox, bus, log)
-        run.wait_for_robots(options.start_timeout_s)
+        readers = (BENCH_NAME,) if options.await_reader else ()
+        run.wait_for_robots(options.start_timeout_s, readers)
         verdict = run.drive().verdict
         bus.wait_for_readers(FAREWELL_S)
     return ExitStatus.ARRIVED if verdict == "arrived" else ExitStatus.ENDED_OTHERWISE

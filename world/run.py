@@ -6,12 +6,16 @@ from typing import Protocol
 
 from structlog.typing import FilteringBoundLogger
 
+from protocol.keys import BENCH_NAME
 from protocol.messages import Observation, Truth
 from world.clock import Clock
 from world.inbox import Arrivals, Inbox
 from world.judge import Judge
 from world.notices import Misses
 from world.world import World
+
+RETURN_S = 5.0
+"""How long lock-step stands still for the first of them to come back when all have been lost."""
 
 
 class RobotsMissingError(Exception):
@@ -55,20 +59,28 @@ class Run:
         self._misses = Misses(log)
         self._present: frozenset[str] = frozenset()
         self._interrupted = False
+        self._readers: tuple[str, ...] = ()
+        self._given_up = False
         self._awaited: set[str] = set()
         self._exhausted: frozenset[str] = frozenset()
 
-    def wait_for_robots(self, timeout_s: float) -> None:
+    def wait_for_robots(self, timeout_s: float, readers: tuple[str, ...] = ()) -> None:
         """The start barrier: return when every robot of the scenario is present, or on an interruption.
+
+        Args:
+            timeout_s: how long at the most.
+            readers: who else must be present; in lock-step, steps wait for them to come back, too.
 
         Raises:
             RobotsMissingError: not all of them were present after the time limit.
         """
+        self._readers = readers
+        awaited = (*self._world.robots, *readers)
         until_s = time.monotonic() + timeout_s
         told = None
         arrivals = self._inbox.take(0.0)
-        while not arrivals.interrupted and (missing := self._missing(arrivals)):
-            strangers = ", ".join(sorted(arrivals.present.difference(self._world.robots))) or None
+        while not arrivals.interrupted and (missing := _missing(awaited, arrivals)):
+            strangers = ", ".join(sorted(arrivals.present.difference(awaited, (BENCH_NAME,)))) or None
             if told != (missing, strangers):
                 self._log.info("waiting for robots", missing=missing, not_in_scenario=strangers)
                 told = (missing, strangers)
@@ -120,9 +132,6 @@ class Run:
     def _truth(self) -> Truth:
         return self._world.truth(self._judge.refused)
 
-    def _missing(self, arrivals: Arrivals) -> str:
-        return ", ".join(robot for robot in self._world.robots if robot not in arrivals.present)
-
     def _begin_step(self) -> None:
         """Await the robots that are present before the step is published, and no others.
 
@@ -132,8 +141,24 @@ class Run:
         self._awaited = set()
         self._inbox.begin_step()
         self._receive(0.0)
+        if self._clock.waits_for_all:
+            self._wait_for_company()
         self._awaited = set(self._present.intersection(self._world.present))
         self._clock.begin_step()
+
+    def _wait_for_company(self) -> None:
+        """Stand still while nobody would see the step: a run without robots, or unread, rushes to its end."""
+        until_s = time.monotonic() + RETURN_S
+        while self._is_alone() and not self._given_up and not self._interrupted:
+            remaining_s = until_s - time.monotonic()
+            self._given_up = remaining_s <= 0.0
+            self._receive(remaining_s)
+        self._given_up = self._given_up and self._is_alone()
+
+    def _is_alone(self) -> bool:
+        expected = self._world.present
+        robots_lost = bool(expected) and self._present.isdisjoint(expected)
+        return robots_lost or not self._present.issuperset(self._readers)
 
     def _gather(self) -> None:
         """Collect the step's commands until the clock, or the last awaited answer, ends it.
@@ -162,3 +187,7 @@ class Run:
             if robot in arrivals.present and robot in arrivals.gone | (arrivals.present - self._present):
                 self._log.info("robot returned", robot=robot, step=self._world.step)
         self._present = arrivals.present
+
+
+def _missing(awaited: tuple[str, ...], arrivals: Arrivals) -> str:
+    return ", ".join(name for name in awaited if name not in arrivals.present)

@@ -110,7 +110,8 @@ def open_run(path: Path) -> RecordedRun:
         path: the file, or the directory that ``unspoken run`` has left.
 
     Raises:
-        RecordingError: there is none, it cannot be read, faults befell the run, or its scenario is wrong.
+        RecordingError: there is none, it cannot be read, faults befell the run, its world was started again,
+            or its scenario is wrong.
     """
     recording = read_recording(path / RECORDING_NAME if path.is_dir() else path)
     if recording.facts.faults:
@@ -122,7 +123,13 @@ def open_run(path: Path) -> RecordedRun:
         scenario = parse_scenario(recording.scenario_text, recording.path)
     except ScenarioError as error:
         raise RecordingError(f"the scenario attached to the recording cannot be used: {error}") from None
-    return RecordedRun(recording, scenario)
+    run = RecordedRun(recording, scenario)
+    if len({scene.epoch for scene in run.scenes()}) > 1:
+        raise RecordingError(
+            f"{recording.path}: the world was started again in this run, at a step that nobody can tell "
+            "exactly; only runs of a single epoch can be repeated"
+        )
+    return run
 
 
 def _faults(number: int) -> str:

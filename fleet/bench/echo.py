@@ -13,11 +13,12 @@ from protocol.identity import client_identity
 from protocol.keys import Keys
 from protocol.messages import Command
 from protocol.session import client_session
-from protocol.signals import on_wish_to_end
+from protocol.signals import end_with_parent, on_wish_to_end
 
 
 def main() -> None:
     """Answer until SIGTERM, in a world that is there already."""
+    end_with_parent()
     robot, keys = os.environ["UNSPOKEN_ROBOT"], Keys(os.environ["UNSPOKEN_RUN"])
     inbox = Inbox(structlog.get_logger("echo"))
     on_wish_to_end(inbox.close)

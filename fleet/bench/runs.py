@@ -14,7 +14,7 @@ from fleet.bench.settings import Settings
 from fleet.bench.watch import Watch
 from fleet.experiment import Experiment, prepare
 from fleet.live import run_processes
-from fleet.stream import RefusedMind
+from fleet.stream import BusMessage
 from fleet.summary import Summary, Tally
 from protocol.messages import Truth
 from world.process import ClockKind
@@ -70,7 +70,7 @@ def _run(experiment: Experiment, watch: Watch) -> RunRow:
         stream = run_processes(experiment, Path(directory) / "logs", watch.interruption)
         with closing(stream):  # type: ignore[type-var]  # a generator, whose closing ends the processes
             for item in stream:
-                if isinstance(item, RefusedMind):
+                if not isinstance(item, BusMessage):
                     continue
                 tally.add(item.message)
                 if isinstance(item.message, Truth):

@@ -28,6 +28,7 @@ ENVIRONMENT = {
         "clock",
         "seed",
         "exchange-goals",
+        "await-reader",
         "start-timeout",
         "answer-timeout",
     ),

@@ -70,7 +70,11 @@ def test_a_process_gets_its_settings_and_nobody_elses(crew: Crew, monkeypatch: p
     crew.start("robot-1", "telling", {"robot": "1", "run": "hall"})
     told = json.loads(logged(crew, "robot-1", "}"))
     settings = {name: value for name, value in told.items() if name.startswith("UNSPOKEN_")}
-    assert settings == {"UNSPOKEN_ROBOT": "1", "UNSPOKEN_RUN": "hall"}
+    assert settings == {
+        "UNSPOKEN_ROBOT": "1",
+        "UNSPOKEN_RUN": "hall",
+        "UNSPOKEN_PARENT": str(os.getpid()),
+    }
     assert told["WEATHER"] == "fair"
 
 

@@ -66,6 +66,9 @@ def test_in_a_new_world_steps_begin_anew(intake: Intake, make_truth: Any, make_m
     intake.take(letter(KEYS.truth, make_truth(0, {"a": {}}).model_copy(update={"epoch": epoch})))
     anew = make_mind("a", 0).model_copy(update={"epoch": epoch})
     assert intake.take(letter(KEYS.mind("a"), anew)) == BusMessage(KEYS.mind("a"), anew, 1)
+    far = make_mind("a", 5).model_copy(update={"epoch": epoch})
+    assert intake.take(letter(KEYS.mind("a"), far)) == RefusedMind("a", "answers another step")
+    assert intake.take(letter(KEYS.truth, make_truth(6, {"a": {}}))) is None, "that world is gone"
 
 
 def test_what_the_world_says_wrongly_is_an_error(intake: Intake) -> None:

@@ -54,3 +54,13 @@ def test_nobody_is_awaited_before_the_first_step(make_truth: MakeTruth) -> None:
     stragglers = Stragglers()
     stragglers.add(make_truth(0, {"1": {}, "2": {}}, verdict="interrupted"))
     assert not stragglers.on_their_way()
+
+
+def test_nothing_of_a_former_world_is_awaited(stragglers: Stragglers, make_truth: MakeTruth) -> None:
+    stragglers.add(make_truth(0, {"1": {}, "2": {}}).model_copy(update={"epoch": 8}))
+    assert not stragglers.on_their_way()
+    stragglers.add(make_truth(1, {"1": {}, "2": {}}).model_copy(update={"epoch": 8}))
+    assert stragglers.on_their_way()
+    stragglers.add(command("1", 0))
+    stragglers.add(command("2", 0))
+    assert stragglers.on_their_way(), "these answered the former world"

@@ -9,7 +9,7 @@ import pytest
 
 from fleet.facts import RunFacts
 from fleet.recording import Recorder, read_recording
-from fleet.stream import RefusedMind
+from fleet.stream import RefusedMind, Restarted
 from fleet.summary import Summary, Tally
 from protocol.messages import Message
 
@@ -68,6 +68,7 @@ def test_the_summary_counts_a_run_exactly(facts: RunFacts, crossing: list[Messag
         "deadline_misses": 5,
         "clipped_commands": 4,
         "refused": {},
+        "restarts": {},
         "robots": [
             {"id": "a", "arrived_s": 0.1, "driven_m": 1.5, "solver_failures": 0, "deadline_misses": 2},
             {"id": "b", "arrived_s": 0.2, "driven_m": 2.5, "solver_failures": 3, "deadline_misses": 3},
@@ -174,3 +175,16 @@ def test_a_summary_that_cannot_be_written_leaves_the_old_one(tmp_path: Path, fac
     with pytest.raises(OSError, match=r"summary\.json"):
         Tally().summary(facts).write(path)
     assert [file.name for file in tmp_path.iterdir()] == ["summary.json"]
+
+
+def test_after_a_restart_of_the_world_its_last_epoch_counts(facts: RunFacts, crossing: list[Message]) -> None:
+    former = [message.model_copy(update={"epoch": 1}) for message in crossing]
+    anew = Tally()
+    for message in (*former, *crossing[:3]):
+        anew.add(message)
+    anew.count_restart(Restarted("world"))
+    alone = Tally()
+    for message in crossing[:3]:
+        alone.add(message)
+    expected = alone.summary(facts).model_copy(update={"restarts": {"world": 1}})
+    assert anew.summary(facts) == expected

@@ -77,6 +77,15 @@ def is_alive(pid: int) -> bool:
     return True
 
 
+def ends_all(pids):
+    """Check that the end of a bench is that of its processes; end them where it is not."""
+    try:
+        until(lambda: not any(is_alive(pid) for pid in pids), "the end of all processes")
+    finally:
+        for pid in filter(is_alive, pids):
+            os.kill(pid, signal.SIGKILL)
+
+
 class Process:
     """One ``unspoken …``; its output goes to files in its directory.
 
@@ -230,6 +239,10 @@ class Bench(Process):
             if line[-1] == module and (robot is None or environment(pid)["UNSPOKEN_ROBOT"] == robot)
         ]
         return pid
+
+    def kill(self, module: str, robot: str | None = None) -> None:
+        """Kill its world, or the process of one of its robots."""
+        os.kill(self.pid(module, robot), signal.SIGKILL)
 
     def leaves_nothing(self, pids: Mapping[int, object]) -> None:
         """Check that after its end none of these processes is left, and no temporary file."""

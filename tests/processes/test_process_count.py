@@ -30,6 +30,7 @@ def test_no_command_line_tells_a_goal_and_no_process_knows_that_of_another(tmp_p
             "UNSPOKEN_GOALS",
             "UNSPOKEN_PASSWORD_FILE",
             "UNSPOKEN_ITERATIONS",
+            "UNSPOKEN_PARENT",
             "UNSPOKEN_SOLVER",
         }, robot
     assert "UNSPOKEN_GOAL" not in environment(run.pid("world"))

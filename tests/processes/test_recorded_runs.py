@@ -89,6 +89,7 @@ def test_a_run_leaves_its_summary_recording_picture_and_logs(out):
         "deadline_misses": 0,
         "clipped_commands": 0,
         "refused": {},
+        "restarts": {},
     }
     assert [robot["id"] for robot in robots] == list(ROBOTS)
     for robot in robots:

@@ -124,6 +124,51 @@ def test_a_present_but_silent_robot_is_waited_for_up_to_the_limit():
     assert stage.now() == pytest.approx(3 * 60.0)
 
 
+def lose(stage, *names):
+    for name in names:
+        stage.inbox.store_presence(name, present=False)
+
+
+def test_lock_step_stands_still_until_one_of_the_robots_that_were_all_lost_is_back():
+    stage = Stage(time_limit_s=0.5)
+    stage.bus.silent = {"1", "2"}
+    seen = []
+
+    def come_back():
+        seen.append(stage.bus.truths[-1].step)
+        stage.bus.silent.clear()
+        stage.inbox.store_presence("1", present=True)
+
+    stage.inbox.script = [lambda: lose(stage, "1", "2"), come_back]
+    stage.drive()
+    assert stage.misses() == {"1": 1, "2": 1}
+    assert seen == [0], "no step is published to nobody"
+
+
+def test_lock_step_does_not_wait_for_ever_for_robots_that_do_not_come_back(monkeypatch):
+    monkeypatch.setattr("world.run.RETURN_S", 0.05)
+    stage = Stage(time_limit_s=0.5)
+    stage.bus.silent = {"1", "2"}
+    stage.inbox.script = [lambda: lose(stage, "1", "2")]
+    assert stage.drive().verdict == "timeout"
+
+
+def test_lock_step_waits_for_its_reader_to_come_back():
+    stage = Stage()
+    stage.inbox.store_presence("reader", present=True)
+    stage.run.wait_for_robots(0.0, ("reader",))
+    seen = []
+
+    def come_back():
+        seen.append(stage.bus.truths[-1].step)
+        stage.inbox.store_presence("reader", present=True)
+
+    stage.inbox.script = [come_back]
+    stage.bus.at_step[3] = lambda: lose(stage, "reader")
+    assert stage.drive().verdict == "arrived"
+    assert seen == [3], "no step goes unread"
+
+
 def test_a_robot_whose_token_goes_is_no_longer_waited_for():
     stage = Stage()
     stage.bus.silent = {"2"}

@@ -1,0 +1,94 @@
+"""``python -m fleet.faults.robot``: one robot's process, as ``python -m agent``, with faults of its mind.
+
+It is told of the faults by ``UNSPOKEN_FAULTS`` and of the run's seed by ``UNSPOKEN_SEED``.
+"""
+
+import functools
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, cast
+
+import typer
+
+import agent.__main__
+from agent.agent import Agent, Decision
+from agent.deadline import Deadline
+from agent.process import Decides, RobotOptions
+from agent.solver.problem import JointSolver
+from fleet.faults.robot_mind import RobotMind
+from fleet.faults.schedule import Scheduled
+from fleet.faults.told import faults_told
+from protocol.faults import ClockStep, Fault
+from protocol.messages import Observation
+from protocol.scene import Scene
+
+
+def make_faulty(options: RobotOptions, scene: Scene) -> Decides:
+    """A mind with the faults of the run.
+
+    Raises:
+        ValueError: the estimator needs something that the scene does not hold.
+    """
+
+    def make(scene: Scene, deadline: Deadline, through: Callable[[JointSolver], JointSolver]) -> Agent:
+        return Agent(
+            options.robot,
+            options.goal,
+            scene,
+            goals=options.goals,
+            solver=options.solver,
+            clock=time.perf_counter,
+            iterations=options.iterations,
+            deadline=deadline,
+            through=through,
+        )
+
+    faults = faults_told(scene)
+    mind = RobotMind(make, options.robot, scene, faults, clock=time.perf_counter, budget_s=options.budget_s)
+    return ClockStepped(mind, options.robot, faults)
+
+
+class ClockStepped:
+    """A mind in a process whose wall clock jumps.
+
+    Args:
+        mind: that decides.
+        robot: its id.
+        faults: of the run; those of clocks count.
+    """
+
+    def __init__(self, mind: Decides, robot: str, faults: Sequence[Scheduled[Fault]]) -> None:
+        self._mind = mind
+        self._steps: list[Scheduled[Any]] = [
+            each for each in faults if isinstance(each.fault, ClockStep) and each.befalls(robot)
+        ]
+
+    def decide(self, observation: Observation) -> Decision | None:
+        """See :meth:`agent.agent.Agent.decide`."""
+        if self._steps:
+            step_clock(sum(each.fault.offset_s for each in self._steps if each.is_on(observation.step)))
+        return self._mind.decide(observation)
+
+    def withdraw(self) -> None:
+        """See :meth:`agent.agent.Agent.withdraw`."""
+        self._mind.withdraw()
+
+
+_time, _time_ns = time.time, time.time_ns
+
+
+def step_clock(offset_s: float) -> None:
+    """From now on the wall clock of this process, as Python tells it, is ahead by so much."""
+    offset_ns = round(offset_s * 1e9)
+    time.time = lambda: _time() + offset_s
+    time.time_ns = lambda: _time_ns() + offset_ns
+
+
+@functools.wraps(agent.__main__.main)
+def main(**told: Any) -> None:
+    """Be one robot; see :func:`agent.__main__.main`."""
+    agent.__main__.run_robot(make_faulty, **told)
+
+
+if __name__ == "__main__":
+    typer.run(cast(Callable[..., None], main))
