@@ -13,7 +13,7 @@ from fleet.output import Output, OutputError
 from fleet.progress import RunProgress
 from fleet.recording import RecordingError
 from fleet.stream import BusMessage, StreamItem
-from fleet.verdict_table import refusal_lines, robot_table, verdict_line
+from fleet.verdict_table import degradation_lines, refusal_lines, robot_table, verdict_line
 from world.process import ExitStatus
 
 Stream = Callable[[Path, Interruption], Iterator[StreamItem]]
@@ -78,7 +78,7 @@ def _finish(
     if summary.robots:
         console.print(robot_table(summary, output.tally.clipped_commands))
     console.print(verdict_line(summary, experiment.scenario.step_s))
-    for line in refusal_lines(summary):
+    for line in (*refusal_lines(summary), *degradation_lines(summary)):
         console.print(line, markup=False, soft_wrap=True)
     written = ", ".join(sorted(path.name for path in output.directory.iterdir()))
     console.print(f"Recorded in {output.directory}: {written}", markup=False, soft_wrap=True)

@@ -77,6 +77,10 @@ class Summary(_Record):
     clipped_commands: int
     refused: dict[str, dict[str, int]]
     """Messages that were not taken, by robot and reason; reasons of minds begin with ``mind:``."""
+    interventions: int = 0
+    """How often last-resort collision monitors have begun to brake."""
+    degraded: dict[str, dict[str, float]] = {}
+    """In which ways robots were degraded and for how long, in s; only those that were."""
     restarts: dict[str, int] = {}
     """How often processes were started again, by their name; only those that were."""
     robots: tuple[RobotSummary, ...]
@@ -106,6 +110,8 @@ class Tally:
         self._truth: Truth | None = None
         self._robots: dict[str, TrueRobot] = {}
         self._solver_failures: dict[str, int] = {}
+        self._interventions: dict[str, int] = {}
+        self._degraded: dict[str, Counter[str]] = {}
         self._refused_minds: dict[str, Counter[str]] = {}
         self._durations_ms = {phase: array("d") for phase in Phases.model_fields}
 
@@ -120,6 +126,8 @@ class Tally:
             self._robots.update(message.robots)
         elif isinstance(message, Mind):
             self._solver_failures[message.robot] = message.solver_failures
+            self._interventions[message.robot] = message.interventions
+            self._degraded.setdefault(message.robot, Counter()).update(message.degraded)
             for phase, durations_ms in self._durations_ms.items():
                 duration_ms = getattr(message.timings_ms, phase)
                 if duration_ms > 0.0:
@@ -175,10 +183,21 @@ class Tally:
             deadline_misses=sum(robot.deadline_misses for robot in self._robots.values()),
             clipped_commands=sum(self.clipped_commands.values()),
             refused=self.refused,
+            interventions=sum(self._interventions.values()),
+            degraded=self._degraded_s(truth),
             restarts=dict(self._restarts),
             robots=tuple(self._robot(name, robot) for name, robot in self._robots.items()),
             phases_ms=Phases(**{name: _percentiles(values) for name, values in self._durations_ms.items()}),
         )
+
+    def _degraded_s(self, truth: Truth | None) -> dict[str, dict[str, float]]:
+        """Steps in seconds, to the nanosecond."""
+        step_s = truth.time_s / truth.step if truth and truth.step else 0.0
+        return {
+            robot: {how: round(steps * step_s, 9) for how, steps in sorted(ways.items())}
+            for robot, ways in sorted(self._degraded.items())
+            if ways
+        }
 
     def _duration_s(self) -> float | None:
         arrivals_s = [robot.arrived_s for robot in self._robots.values()]

@@ -72,6 +72,14 @@ def refusal_lines(summary: Summary) -> list[str]:
     ]
 
 
+def degradation_lines(summary: Summary) -> list[str]:
+    """How long each robot did not drive as it would, and why: nothing, as long as all is well."""
+    return [
+        f"Robot {robot} was degraded: {', '.join(f'{how} {time_s:g} s' for how, time_s in ways.items())}."
+        for robot, ways in summary.degraded.items()
+    ]
+
+
 def _progress(summary: Summary) -> str:
     missing = [robot.id for robot in summary.robots if robot.arrived_s is None]
     if not missing:

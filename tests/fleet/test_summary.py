@@ -68,6 +68,8 @@ def test_the_summary_counts_a_run_exactly(facts: RunFacts, crossing: list[Messag
         "deadline_misses": 5,
         "clipped_commands": 4,
         "refused": {},
+        "interventions": 0,
+        "degraded": {},
         "restarts": {},
         "robots": [
             {"id": "a", "arrived_s": 0.1, "driven_m": 1.5, "solver_failures": 0, "deadline_misses": 2},
