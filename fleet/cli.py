@@ -26,6 +26,7 @@ from fleet.reporting.command import report
 from fleet.simulation import simulate as simulate_messages
 from fleet.suites.command import app as scenarios
 from fleet.supervision import Restart
+from fleet.trials.command import faults
 from protocol.scenario_file import ScenarioError
 from world.process import ClockKind, ExitStatus
 
@@ -158,6 +159,7 @@ app.add_typer(scenarios, name="scenarios")
 app.add_typer(keys, name="keys")
 app.command("evaluate")(evaluate)
 app.command("report")(report)
+app.command("faults")(faults)
 app.command("audit")(audit)
 app.command("replay")(replay)
 

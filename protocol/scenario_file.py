@@ -41,7 +41,21 @@ def parse_scenario(text: str, path: Path) -> Scenario:
     Raises:
         ScenarioError: as of ``load_scenario``.
     """
-    return _validated(Scenario, _tree(text, path, Scenario), path)
+    return _validated(Scenario, _tree(text, path, Scenario, "scenario"), path)
+
+
+def load_as(path: Path, model: type[M], what: str) -> M:
+    """Read a YAML file of another kind with the same care.
+
+    Args:
+        path: of the file.
+        model: what it holds.
+        what: its name for people.
+
+    Raises:
+        ScenarioError: as of ``load_scenario``.
+    """
+    return _validated(model, _tree(_read_text(path), path, model, what), path)
 
 
 def with_faults(scenario: Scenario, path: Path) -> Scenario:
@@ -51,7 +65,7 @@ def with_faults(scenario: Scenario, path: Path) -> Scenario:
         ScenarioError: as of ``load_scenario``; or the file names robots that the scenario lacks, or there are
             too many faults together.
     """
-    tree = _tree(_read_text(path), path, FaultFile)
+    tree = _tree(_read_text(path), path, FaultFile, "file of faults")
     faults = _validated(FaultFile, tree, path).faults
     if found := unknown_robot(faults, [robot.id for robot in scenario.robots]):
         where, what = found
@@ -121,9 +135,8 @@ def _read_text(path: Path) -> str:
         ) from None
 
 
-def _tree(text: str, path: Path, model: type[BaseModel]) -> Item:
+def _tree(text: str, path: Path, model: type[BaseModel], what: str) -> Item:
     """The content of a file."""
-    what = "scenario" if model is Scenario else "file of faults"
     try:
         tree = read_tree(text)
     except YamlProblems as error:

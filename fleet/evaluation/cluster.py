@@ -4,9 +4,10 @@ import logging
 import queue
 import signal
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
+from typing import TypeVar
 
 import dask
 from distributed import Client, Future, KilledWorker, LocalCluster
@@ -22,6 +23,8 @@ LOOK_S = 0.1
 """How often a wait for a run looks whether it is still wanted."""
 ONE_AT_A_TIME = {"distributed.scheduler.worker-saturation": 1.0}
 """No run waits at a worker that is busy with another one, and is suspected when that one kills it."""
+J = TypeVar("J")
+R = TypeVar("R")
 QUIET = logging.CRITICAL + 1
 
 
@@ -83,35 +86,55 @@ def existing_cluster(address: str) -> Iterator[Client]:
 
 
 def rows(client: Client, runs: Iterable[Run], interruption: Interruption) -> Iterator[Row]:
-    """The rows of these runs, in the order in which they are finished.
+    """The rows of these runs; see ``outcomes``."""
 
-    A run whose worker dies is made again elsewhere; after some times, Dask gives it up and it has failed.
+    def without_result(run: Run, reason: str) -> Row:
+        return Row.without_result(run.key, len(run.scenario.robots), reason)
+
+    return outcomes(client, runs, execute, without_result, interruption)
+
+
+def outcomes(
+    client: Client,
+    jobs: Iterable[J],
+    make: Callable[[J], R],
+    without_result: Callable[[J, str], R],
+    interruption: Interruption,
+) -> Iterator[R]:
+    """What comes of these jobs, in the order in which they are finished.
+
+    A job whose worker dies is done again elsewhere; after some times, Dask gives it up and it has failed.
+
+    Args:
+        client: of the cluster.
+        jobs: what to do.
+        make: does one of them, on a worker.
+        without_result: what came of a job that failed, with the reason.
+        interruption: looked at while waiting.
 
     Raises:
         KeyboardInterrupt: an interruption came.
         LostError: the cluster has gone.
     """
-    runs_by_future = {client.submit(execute, run, pure=False): run for run in runs}
-    finished: queue.SimpleQueue[Future[Row]] = queue.SimpleQueue()
-    for future in runs_by_future:
+    jobs_by_future = {client.submit(make, job, pure=False): job for job in jobs}
+    finished: queue.SimpleQueue[Future[R]] = queue.SimpleQueue()
+    for future in jobs_by_future:
         future.add_done_callback(finished.put)
     try:
-        while runs_by_future:
+        while jobs_by_future:
             future = _next(finished, client, interruption)
-            row = _row(future, runs_by_future[future])
-            if row is None:
+            result = _result(future, jobs_by_future[future], without_result)
+            if result is None:
                 finished.put(future)
             else:
-                del runs_by_future[future]
-                yield row
+                del jobs_by_future[future]
+                yield result
     finally:
         if client.status == "running":
-            client.cancel(list(runs_by_future))
+            client.cancel(list(jobs_by_future))
 
 
-def _next(
-    finished: "queue.SimpleQueue[Future[Row]]", client: Client, interruption: Interruption
-) -> Future[Row]:
+def _next(finished: "queue.SimpleQueue[Future[R]]", client: Client, interruption: Interruption) -> Future[R]:
     while True:
         if interruption.requested:
             raise KeyboardInterrupt
@@ -123,21 +146,19 @@ def _next(
             continue
 
 
-def _row(future: "Future[Row]", run: Run) -> Row | None:
-    """What came of a run; None while it has to be fetched or, its worker having died, made again."""
+def _result(future: "Future[R]", job: J, without_result: Callable[[J, str], R]) -> R | None:
+    """What came of a job; None while it has to be fetched or, its worker having died, done again."""
     if future.cancelled():
         raise LostError("the Dask cluster has dropped the runs")
     try:
-        row = future.result(timeout=LOOK_S)
+        result = future.result(timeout=LOOK_S)
     except TimeoutError:
         return None
     except KilledWorker:
-        return Row.without_result(run.key, len(run.scenario.robots), DIED)
+        return without_result(job, DIED)
     except Exception as error:  # such as one from a worker that lacks this software
-        return Row.without_result(
-            run.key, len(run.scenario.robots), f"on the worker: {type(error).__name__}: {error}"
-        )
-    return row
+        return without_result(job, f"on the worker: {type(error).__name__}: {error}")
+    return result
 
 
 @contextmanager

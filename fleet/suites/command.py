@@ -42,15 +42,20 @@ def list_bundled() -> None:
     Console(highlight=False).print(table)
 
 
-def _numbers(text: str) -> str:
-    if not _read(text):
+def checked_numbers(text: str) -> str:
+    """A text such as ``2..4,8``.
+
+    Raises:
+        typer.BadParameter: it names no numbers of robots.
+    """
+    if not numbers_in(text):
         raise typer.BadParameter(
             f"{text!r} found, numbers of robots from 1 to {MAX_ROBOTS} are expected, such as 4, 2,4,8 or 2..8"
         )
     return text
 
 
-def _read(text: str) -> list[int]:
+def numbers_in(text: str) -> list[int]:
     """The numbers that a text such as ``2..4,8`` names; none if it names none."""
     numbers: list[int] = []
     for part in text.split(","):
@@ -68,7 +73,9 @@ def generate(
     family: Annotated[FamilyName, typer.Option(help="How starts and goals lie.")] = "perimeter",
     robots: Annotated[
         str,
-        typer.Option(callback=_numbers, help="Numbers of robots, gone through in turn.", metavar="N,N..N"),
+        typer.Option(
+            callback=checked_numbers, help="Numbers of robots, gone through in turn.", metavar="N,N..N"
+        ),
     ] = "2..8",
     count: Annotated[int, typer.Option(min=1, help="Scenarios.")] = 40,
     seed: Annotated[int, typer.Option(min=0, help="Of all that is drawn.")] = 0,
@@ -79,7 +86,7 @@ def generate(
     """
     recipe = f"unspoken scenarios generate --family {family} --robots {robots} --count {count} --seed {seed}"
     try:
-        scenarios = generated(family, _read(robots), count, seed)
+        scenarios = generated(family, numbers_in(robots), count, seed)
         write_suite(out, scenarios, f"Made by {recipe}")
     except (NoRoomError, OutputError) as error:
         typer.echo(f"unspoken: {error}", err=True)

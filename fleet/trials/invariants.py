@@ -1,0 +1,102 @@
+"""What has to hold in a trial: before its faults, while they last, and after them."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from fleet.faults.attribution import avoidable_collisions
+from fleet.faults.schedule import Scheduled
+from fleet.trials.cases import Case
+from fleet.trials.evidence import Epoch, Evidence
+from protocol.scenario import Scenario
+
+BEFORE_ALLOWED = frozenset({"intervention"})
+"""A collision monitor may err; nothing else is amiss as long as nothing is broken."""
+
+
+def violations(case: Case, scenario: Scenario, seed: int, evidence: Evidence) -> list[str]:
+    """Everything that does not hold, told for people; nothing if all is well.
+
+    Args:
+        case: what befell the run.
+        scenario: what was driven.
+        seed: of the run.
+        evidence: what came of it.
+    """
+    if evidence.end is None:
+        return ["nothing was recorded"]
+    faults = case.scheduled(scenario, seed)
+    befallen = {robot.id for robot in scenario.robots if any(_befalls(each, robot.id) for each in faults)}
+    healthy = {robot.id for robot in scenario.robots} - befallen
+    return [
+        *_lost(evidence),
+        *_amiss_before(evidence.epochs[0], min(each.begin for each in faults)),
+        *_collisions(case, scenario, evidence, healthy),
+        *_not_arrived(evidence, set(scenario_ids(scenario)) if case.everybody_arrives else healthy),
+        *_unsettled(case, scenario, faults, evidence.epochs[-1]),
+    ]
+
+
+def scenario_ids(scenario: Scenario) -> list[str]:
+    """Of its robots."""
+    return [robot.id for robot in scenario.robots]
+
+
+def _befalls(fault: Scheduled[Any], robot: str) -> bool:
+    """Whether a fault is one of a robot: faults without robots of their own are of the world or the bench."""
+    return hasattr(fault.fault, "robots") and fault.befalls(robot)
+
+
+def _lost(evidence: Evidence) -> Iterator[str]:
+    for epoch in evidence.epochs:
+        steps = [truth.step for truth in epoch.truths]
+        if steps and steps != list(range(steps[-1] + 1)) and steps != [*range(steps[-1] + 1), steps[-1]]:
+            yield "the record lacks steps"
+    if evidence.end is not None and evidence.end.verdict is None:
+        yield "the run has no verdict"
+
+
+def _amiss_before(epoch: Epoch, begin: int) -> Iterator[str]:
+    before = [truth for truth in epoch.truths if truth.step < begin]
+    if before and before[-1].collisions:
+        yield "robots collided before the fault"
+    for (step, robot), degraded in epoch.degraded.items():
+        if step < begin and not BEFORE_ALLOWED.issuperset(degraded):
+            yield f"robot {robot} was degraded before the fault: {', '.join(degraded)}"
+            return
+
+
+def _collisions(case: Case, scenario: Scenario, evidence: Evidence, healthy: set[str]) -> Iterator[str]:
+    scene = scenario.scene(with_goals=False)
+    for epoch in evidence.epochs:
+        collisions = epoch.truths[-1].collisions if epoch.truths else ()
+        if case.no_collision and collisions:
+            yield f"robots {' and '.join(collisions[0])} collided"
+            return
+        for found in avoidable_collisions(epoch.truths, scene, healthy):
+            yield (
+                f"robot {found.robot} collided with robot {found.other} at step {found.step}; "
+                f"braking at step {found.last_chance} would have avoided it"
+            )
+
+
+def _not_arrived(evidence: Evidence, wanted: set[str]) -> Iterator[str]:
+    truths = evidence.epochs[-1].truths
+    arrived = {
+        name for truth in truths for name, robot in truth.robots.items() if robot.arrived_s is not None
+    }
+    if missing := sorted(wanted - arrived):
+        yield f"robot {', '.join(missing)} did not arrive"
+
+
+def _unsettled(
+    case: Case, scenario: Scenario, faults: Sequence[Scheduled[Any]], epoch: Epoch
+) -> Iterator[str]:
+    ends = [each.end for each in faults if each.end is not None]
+    if case.settles_s is None or len(ends) < len(faults):
+        return
+    settled = max(ends) + round(case.settles_s / scenario.step_s)
+    for (step, robot), degraded in epoch.degraded.items():
+        if step > settled and not BEFORE_ALLOWED.issuperset(degraded):
+            late_s = (step - max(ends)) * scenario.step_s
+            yield f"robot {robot} was degraded {late_s:.1f} s after the fault: {', '.join(degraded)}"
+            return
