@@ -28,7 +28,8 @@ def violations(case: Case, scenario: Scenario, seed: int, evidence: Evidence) ->
     befallen = {robot.id for robot in scenario.robots if any(_befalls(each, robot.id) for each in faults)}
     healthy = {robot.id for robot in scenario.robots} - befallen
     return [
-        *_lost(evidence),
+        *lost_steps(evidence),
+        *_no_verdict(evidence),
         *_amiss_before(evidence.epochs[0], min(each.begin for each in faults)),
         *_collisions(case, scenario, evidence, healthy),
         *_not_arrived(evidence, set(scenario_ids(scenario)) if case.everybody_arrives else healthy),
@@ -46,11 +47,16 @@ def _befalls(fault: Scheduled[Any], robot: str) -> bool:
     return hasattr(fault.fault, "robots") and fault.befalls(robot)
 
 
-def _lost(evidence: Evidence) -> Iterator[str]:
+def lost_steps(evidence: Evidence) -> list[str]:
+    """Whether the record lacks steps between the first and the last of an epoch."""
     for epoch in evidence.epochs:
-        steps = [truth.step for truth in epoch.truths]
-        if steps and steps != list(range(steps[-1] + 1)) and steps != [*range(steps[-1] + 1), steps[-1]]:
-            yield "the record lacks steps"
+        steps = list(dict.fromkeys(truth.step for truth in epoch.truths))  # an interrupted one comes twice
+        if steps != list(range(len(steps))):
+            return [f"the record lacks steps: {len(steps)} of {steps[-1] + 1} are there"]
+    return [] if evidence.end is not None else ["nothing was recorded"]
+
+
+def _no_verdict(evidence: Evidence) -> Iterator[str]:
     if evidence.end is not None and evidence.end.verdict is None:
         yield "the run has no verdict"
 
