@@ -42,6 +42,8 @@ DRIFT_M = 0.1
 """Standard deviation that is added to it."""
 TOLERANCE = 1e-3
 """Of the optimality conditions: a step towards the goals needs less than a trajectory that is driven."""
+STANDING_STEPS, STANDING_MPS = 10, 0.05
+"""A robot that was slower than this for so many steps stands."""
 LONGEST_M = 1.5
 """A goal moves no further in a round: derivatives hold nearby."""
 
@@ -76,7 +78,20 @@ class JointFit:
         if length:
             window = window_of(memory, robots, length, self._scene.step_s)
             self._fit(robots, window, memory.step - length)
+            self._place_standing(robots, window)
         return goals_at(self._scene, memory, {robot: self._beliefs[robot].mean for robot in robots})
+
+    def _place_standing(self, robots: Sequence[str], window: Window) -> None:
+        """Who stands has come to its goal, or will show another one by driving on.
+
+        The fit cannot find that out: to a goal far away a robot drives off as hard as its limits allow, and
+        as hard to one that is a little nearer, so that no derivative leads back.
+        """
+        if window.states.shape[1] < STANDING_STEPS:
+            return
+        for robot, states in zip(robots, window.states, strict=True):
+            if np.abs(states[-STANDING_STEPS:, 3]).max() < STANDING_MPS:
+                self._beliefs[robot] = Belief(states[-1, :2].copy(), self._beliefs[robot].covariance)
 
     def _first(self, state: Array) -> Belief:
         return Belief(ahead(self._scene.area, state), AHEAD_SIGMA_M**2 * np.eye(2))
