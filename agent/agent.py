@@ -115,11 +115,14 @@ class Agent:
         """One turn of algorithm 1.
 
         Returns:
-            The decision; None for an observation that is not newer than the last one or lacks this robot.
+            The decision; None for an observation that is not newer than the last one or lacks this robot, and
+            as long as this robot cannot know where it is.
         """
         if self._robot not in observation.robots or observation.step <= self._memory.step:
             return None
         refused = self._take_in(observation)
+        if self._robot not in self._memory.robots:
+            return None
         watch = Stopwatch(self._clock)
         self._deadline.begin()
         self._forget_late_commands()
