@@ -6,22 +6,19 @@ from dataclasses import dataclass, field
 from itertools import count
 from typing import NamedTuple
 
-import numpy as np
-
 from agent.acting import driven_last, first_input, is_same_input, second_input, without_a_plan
 from agent.deadline import Deadline
 from agent.estimation import GoalsName
 from agent.estimation.interface import known_goal
-from agent.gate import Gate
-from agent.memory import Memory
 from agent.methods import method_of
 from agent.monitor import CollisionMonitor
+from agent.perception import Perception
 from agent.planning import Plan, plan_of
 from agent.prediction import Prediction
 from agent.solver import ITERATIONS, SolverName, joint_solver
 from agent.solver.problem import JointSolver
 from agent.stopwatch import Clock, Stopwatch
-from agent.vehicle import Array, rollout
+from agent.vehicle import Array
 from agent.vigilance import Vigilance
 from protocol.arrival import has_arrived
 from protocol.messages import Command, Degradation, Mind, Observation, Phase, Positions, State
@@ -100,17 +97,12 @@ class Agent:
         self._goal = goal
         self._scene = scene
         self._clock = clock
-        self._memory = Memory(
-            scene.horizons.estimation_steps + 2,
-            scene.step_s,
-            owner=robot,
-            limits_of=lambda each: scene.robot(each).limits,
-        )
+        self._perception = Perception(scene, robot)
+        self._memory = self._perception.memory
         self._deadline = deadline or Deadline(clock, None)
         trajectories = through(joint_solver(solver, iterations, self._deadline))
         method = method_of(goals, scene, robot, trajectories, self._deadline)
         self._estimator, self._predictor, self._planner = method
-        self._gate = Gate(scene.step_s, lambda each: scene.robot(each).limits)
         self._vigilance = Vigilance(scene, robot)
         self._monitor = CollisionMonitor(scene, robot)
         self._arrived = False
@@ -123,11 +115,14 @@ class Agent:
         """One turn of algorithm 1.
 
         Returns:
-            The decision; None for an observation that is not newer than the last one or lacks this robot.
+            The decision; None for an observation that is not newer than the last one or lacks this robot, and
+            as long as this robot cannot know where it is.
         """
         if self._robot not in observation.robots or observation.step <= self._memory.step:
             return None
-        refused = self._remember(observation)
+        refused = self._take_in(observation)
+        if self._robot not in self._memory.robots:
+            return None
         watch = Stopwatch(self._clock)
         self._deadline.begin()
         self._forget_late_commands()
@@ -155,44 +150,17 @@ class Agent:
 
     def remember(self, observation: Observation) -> None:
         """Take in what was seen at a step without a decision on it."""
-        self._remember(observation)
+        self._take_in(observation)
 
     def redirect(self, goal: Goal) -> None:
         """Drive to another goal from the next decision on."""
         self._goal = goal
         self._arrived = False
 
-    def _remember(self, observation: Observation) -> set[str]:
-        """Take in what is believed of an observation; returns whose sightings are not."""
-        seen, refused = {}, set()
-        for robot, state in observation.robots.items():
-            step = observation.step - (0 if robot == self._robot else observation.age_steps)
-            judgement = self._gate.judge(robot, step, state, observation.accuracy)
-            if judgement == "refused":
-                refused.add(robot)
-                continue
-            if judgement == "reacquired":
-                self._memory.forget(robot)
-            seen[robot] = state.as_tuple()
+    def _take_in(self, observation: Observation) -> set[str]:
+        """Returns whose sightings are not believed."""
         driven = self._driven_after(self._given[-1], observation.step) if self._given else None
-        if self._robot in refused and driven is not None:
-            seen[self._robot] = self._dead_reckoned(observation.step, driven)
-        self._memory.remember(
-            observation.step,
-            seen,
-            sigmas=observation.accuracy.as_tuple(),
-            age_steps=observation.age_steps,
-            driven=driven,
-        )
-        return refused
-
-    def _dead_reckoned(self, step: int, driven: Input) -> tuple[float, float, float, float]:
-        """Where this robot should be now, by what it has driven since it last knew."""
-        inputs = np.tile(driven, (step - self._memory.step, 1))
-        x_m, y_m, heading, speed = rollout(self._memory.state(self._robot), inputs, self._scene.step_s)[
-            -1
-        ].tolist()
-        return x_m, y_m, heading, speed
+        return self._perception.take_in(observation, driven)
 
     def _has_arrived(self) -> bool:
         """For good, if it was seen without noise; otherwise only as long as it looks like that."""

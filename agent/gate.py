@@ -33,7 +33,7 @@ class Gate:
     Between two sightings a vehicle can neither speed up, turn nor move by more than its limits allow, and it
     moves as fast as it says. A sighting that breaks this is refused: a jump, or a place held at speed. After
     ``REACQUIRED_AFTER`` refused ones in a row that fit one another, the last one is believed, as where the
-    robot now is.
+    robot now is. Only who has not been seen for ``LONGEST_GAP`` steps, believed or not, is believed at once.
 
     Args:
         step_s: Δt in s.
@@ -61,7 +61,9 @@ class Gate:
             return "believed"  # of an old view newer ones are known; it changes nothing
         judgement: Judgement = "believed"
         known = last is not None and step - last.step <= LONGEST_GAP
-        if last is not None and known and not self._could_follow(robot, last, sighting, accuracy):
+        doubted = bool(refused) and step - refused[-1].step <= LONGEST_GAP
+        follows = last is not None and known and self._could_follow(robot, last, sighting, accuracy)
+        if not follows and (known or doubted):
             if refused and not self._could_follow(robot, refused[-1], sighting, accuracy):
                 refused.clear()
             refused.append(sighting)

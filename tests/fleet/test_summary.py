@@ -99,6 +99,43 @@ def test_what_was_refused_is_counted_by_robot_and_reason(facts: RunFacts, make_t
     }
 
 
+def test_degradations_are_summed_up_in_seconds_by_robot_and_kind(
+    facts: RunFacts, make_truth: Any, make_mind: Any
+) -> None:
+    """And interventions are those that the robots have counted, each for itself."""
+    told: dict[str, list[tuple[str, ...]]] = {
+        "a": [("extrapolation",), ("extrapolation", "gate"), (), ("extrapolation", "intervention")],
+        "b": [(), (), ("solver failure",), ()],
+        "c": [()] * 4,
+    }
+    counted = {"a": [0, 1, 1, 3], "b": [0, 0, 2, 2], "c": [0] * 4}
+    messages: list[Message] = []
+    for step in range(4):
+        messages.append(make_truth(step, {name: {} for name in told}))
+        messages += [
+            make_mind(name, step).model_copy(
+                update={"degraded": told[name][step], "interventions": counted[name][step]}
+            )
+            for name in told
+        ]
+    messages.append(make_truth(4, {name: {} for name in told}, verdict="timeout"))
+    content = summarise(facts, messages)
+    assert content["degraded"] == {
+        "a": {"extrapolation": 0.3, "gate": 0.1, "intervention": 0.1},
+        "b": {"solver failure": 0.1},
+    }
+    assert content["interventions"] == 5
+
+
+def test_degradations_of_an_earlier_epoch_do_not_count(
+    facts: RunFacts, make_truth: Any, make_mind: Any
+) -> None:
+    degraded = make_mind("a", 0).model_copy(update={"degraded": ("gate",), "interventions": 1})
+    begun_again = make_truth(1, {"a": {}}).model_copy(update={"epoch": 8})
+    content = summarise(facts, [make_truth(0, {"a": {}}), degraded, begun_again])
+    assert (content["degraded"], content["interventions"]) == ({}, 0)
+
+
 def test_there_is_no_duration_unless_all_arrived(facts: RunFacts, make_truth: Any) -> None:
     content = summarise(facts, [make_truth(9, {"1": {"arrived_s": 0.5}, "2": {}}, verdict="deadlock")])
     assert content["duration_s"] is None

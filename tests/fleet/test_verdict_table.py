@@ -8,7 +8,7 @@ from rich.console import Console
 
 from fleet.facts import RunFacts
 from fleet.summary import Summary, Tally
-from fleet.verdict_table import robot_table, verdict_line
+from fleet.verdict_table import degradation_lines, robot_table, verdict_line
 
 
 @pytest.fixture
@@ -109,3 +109,13 @@ def test_the_table_of_many_robots_with_long_names_fits_into_80_columns(make_summ
     assert max(map(len, lines)) <= 80
     first_column = "".join(line[:26].strip() for line in lines)
     assert all(name in first_column for name in names), "folded, but not shortened"
+
+
+def test_degradations_are_told_robot_by_robot(make_summary: Any) -> None:
+    summary: Summary = make_summary({"1": 5.0, "2": 5.0}, 50, "arrived")
+    assert degradation_lines(summary) == []
+    degraded = {"1": {"extrapolation": 1.3, "controlled stop": 2.0}, "2": {"gate": 0.1}}
+    assert degradation_lines(summary.model_copy(update={"degraded": degraded})) == [
+        "Robot 1 was degraded: extrapolation 1.3 s, controlled stop 2 s.",
+        "Robot 2 was degraded: gate 0.1 s.",
+    ]

@@ -1,0 +1,178 @@
+"""Whose collision it was, in truths made up for it."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import pytest
+
+from fleet.faults.attribution import AFTERWARDS_S, Avoidable, avoidable_collisions
+from protocol.messages import State, Truth
+from protocol.scene import PublicRobot, Scene
+from protocol.vehicle import STANDSTILL, Input, Limits, braking_input
+from world.physics import VehicleState, drive
+
+STEP_S = 0.1
+SCENE = Scene(step_s=STEP_S, robots=dict.fromkeys("ab", PublicRobot()))
+LEAST_M = SCENE.collision_distance_m("a", "b")
+LIMITS = Limits()
+STEPS = 60
+
+
+class Moving(NamedTuple):
+    """A vehicle at a step, with the input that led there."""
+
+    state: VehicleState
+    applied: Input
+
+
+Way = Sequence[Moving | None]
+"""Of a robot by the step; None where it is not in the scene."""
+
+
+def way(
+    x_m: float, y_m: float, heading_rad: float, speed_mps: float, *, braking_from: int = STEPS, since: int = 0
+) -> Way:
+    """Straight on, and braking from a step on; at the place given when it comes into the scene."""
+    moving = Moving(VehicleState(x_m, y_m, heading_rad, speed_mps), STANDSTILL)
+    found: list[Moving | None] = [None] * since
+    for step in range(since, STEPS):
+        found.append(moving)
+        moving = _braked(moving) if step >= braking_from else _driven(moving, Input(0.0, 0.0))
+    return found
+
+
+def standing(x_m: float, y_m: float, *, since: int = 0) -> Way:
+    return way(x_m, y_m, 0.0, 0.0, since=since)
+
+
+def _driven(moving: Moving, wanted: Input) -> Moving:
+    return Moving(*drive(LIMITS, moving.state, moving.applied, wanted, STEP_S)[:2])
+
+
+def _braked(moving: Moving) -> Moving:
+    return _driven(moving, braking_input(LIMITS, moving.applied, moving.state.speed_mps, STEP_S))
+
+
+def distance_m(one: Moving, other: Moving) -> float:
+    return math.dist(one.state[:2], other.state[:2])
+
+
+def contact_of(one: Way, other: Way) -> int:
+    """The first step at which both are too near."""
+    pairs = enumerate(zip(one, other, strict=True))
+    return next(step for step, (a, b) in pairs if a and b and distance_m(a, b) < LEAST_M)
+
+
+def last_chance(braking: Way, other: Way) -> int:
+    """Found by trying: the last step at which braking keeps a robot out of it."""
+    contact = contact_of(braking, other)
+    return max(step for step in range(contact) if _keeps_clear(braking[step], other, step))
+
+
+def _keeps_clear(moving: Moving | None, other: Way, since: int) -> bool:
+    for there in other[since:]:
+        assert moving is not None
+        if there and distance_m(moving, there) < LEAST_M:
+            return False
+        moving = _braked(moving)
+    return True
+
+
+@pytest.fixture
+def blamed(make_truth: Callable[..., Truth]) -> Callable[..., list[Avoidable]]:
+    def of(ways: Mapping[str, Way], healthy: str = "ab") -> list[Avoidable]:
+        contact = contact_of(ways["a"], ways["b"])
+        truths = [
+            make_truth(
+                step,
+                {name: _told(each[step]) for name, each in ways.items() if each[step]},
+                collisions=(("a", "b"),) if step >= contact else (),
+            )
+            for step in range(STEPS)
+        ]
+        return avoidable_collisions(truths, SCENE, healthy)
+
+    return of
+
+
+def _told(moving: Moving | None) -> dict[str, Any]:
+    assert moving is not None
+    turn_rate, acceleration = moving.applied
+    return {
+        "state": State.of(*moving.state),
+        "turn_rate_radps": turn_rate,
+        "acceleration_mps2": acceleration,
+    }
+
+
+Blamed = Callable[..., list[Avoidable]]
+
+
+def test_who_drives_into_somebody_that_stands_could_have_braked_and_the_other_is_not_to_blame(
+    blamed: Blamed,
+) -> None:
+    ways = {"a": standing(0.0, 0.0), "b": way(-6.0, 0.0, 0.0, 2.0)}
+    chance = last_chance(ways["b"], ways["a"])
+    contact = contact_of(ways["a"], ways["b"])
+    assert contact == 26, "6 m, less 0.99 m, at 0.2 m a step"
+    assert contact - 12 < chance < contact - 5, "2 m/s are braked within less than 1.2 s"
+    assert blamed(ways) == [Avoidable("b", "a", contact, chance)]
+
+
+def test_who_is_not_healthy_is_not_blamed(blamed: Blamed) -> None:
+    assert blamed({"a": standing(0.0, 0.0), "b": way(-6.0, 0.0, 0.0, 2.0)}, healthy="a") == []
+
+
+def test_of_two_that_cross_each_other_blindly_each_could_have_braked(blamed: Blamed) -> None:
+    ways = {"a": way(-6.0, 0.0, 0.0, 3.0), "b": way(0.0, -5.5, math.pi / 2, 3.0)}
+    contact = contact_of(ways["a"], ways["b"])
+    assert blamed(ways) == [
+        Avoidable("a", "b", contact, last_chance(ways["a"], ways["b"])),
+        Avoidable("b", "a", contact, last_chance(ways["b"], ways["a"])),
+    ]
+
+
+def test_who_is_hit_from_behind_is_not_to_blame(blamed: Blamed) -> None:
+    ways = {"a": way(0.0, 0.0, 0.0, 1.0), "b": way(-5.0, 0.0, 0.0, 3.0)}
+    [found] = blamed(ways)
+    assert found.robot == "b"
+    assert found.last_chance < found.step
+
+
+def test_who_has_braked_and_stands_when_the_other_comes_is_not_to_blame(blamed: Blamed) -> None:
+    """Head on: both could see it coming, and one of them did what it could."""
+    ways = {"a": way(-6.0, 0.0, 0.0, 2.0, braking_from=10), "b": way(3.0, 0.0, math.pi, 2.0)}
+    contact = contact_of(ways["a"], ways["b"])
+    there = ways["a"][contact]
+    assert there is not None
+    assert there.state.speed_mps == pytest.approx(0.0)
+    assert [found.robot for found in blamed(ways)] == ["b"]
+
+
+@pytest.mark.parametrize("braking_from", [10, STEPS], ids=["brakes", "does not"])
+def test_nobody_is_to_blame_where_no_time_was_left(blamed: Blamed, braking_from: int) -> None:
+    """Robot a comes into the scene right before b; whether that brakes then makes no difference."""
+    ways = {"a": standing(0.0, 0.0, since=10), "b": way(-5.0, 0.0, 0.0, 3.0, braking_from=braking_from)}
+    assert contact_of(ways["a"], ways["b"]) >= 11
+    assert blamed(ways) == []
+
+
+def test_who_brakes_later_than_it_could_have_is_to_blame(blamed: Blamed) -> None:
+    in_vain = last_chance(way(-6.0, 0.0, 0.0, 2.0), standing(0.0, 0.0)) + 1
+    ways = {"a": standing(0.0, 0.0), "b": way(-6.0, 0.0, 0.0, 2.0, braking_from=in_vain)}
+    [found] = blamed(ways)
+    assert (found.robot, found.last_chance) == ("b", in_vain - 1)
+
+
+def test_braking_that_only_puts_a_collision_off_does_not_help(blamed: Blamed) -> None:
+    """The other comes on, and would have been there within a second."""
+    ways = {"a": way(-6.0, 0.0, 0.0, 0.5), "b": way(3.0, 0.0, math.pi, 4.0)}
+    assert [found.robot for found in blamed(ways)] == ["b"]
+    assert AFTERWARDS_S > 0.5
+
+
+def test_a_run_without_a_collision_is_nobodys(make_truth: Callable[..., Truth]) -> None:
+    assert (
+        avoidable_collisions([make_truth(step, {"a": {}, "b": {}}) for step in range(5)], SCENE, "ab") == []
+    )

@@ -1,0 +1,176 @@
+"""Robots that are not in the scene: not seen, not met, not awaited; and commands that are withheld."""
+
+import pytest
+from world_helpers import EPOCH, SPRINT_STEPS, at, command, lanes, sprint
+from world_stage import Stage
+
+from protocol.scenario import Pose, Scenario, ScenarioRobot, Sensing
+from world.sensing import Sensors
+from world.world import World
+
+FOR_EVER = (0.5, 1e5)
+NOISY = Sensing(position_noise_m=0.05, heading_noise_rad=0.1, speed_noise_mps=0.2, dropout=0.3)
+
+
+def with_absences(scenario: Scenario, robot: str, *absences_s: tuple[float, float]) -> Scenario:
+    robots = [
+        each.model_copy(update={"absences_s": absences_s}) if each.id == robot else each
+        for each in scenario.robots
+    ]
+    return scenario.model_copy(update={"robots": robots})
+
+
+def sprinting(world: World, steps: int = SPRINT_STEPS) -> World:
+    """Everybody is given its sprint, in the scene or not."""
+    while world.step < steps and not world.over:
+        world.advance({robot: command(robot, world.step, sprint(world.step)) for robot in world.robots})
+    return world
+
+
+def meeting(*absences_s: tuple[float, float]) -> Scenario:
+    """Robot 1 drives to where robot 2 stands."""
+    robots = [
+        ScenarioRobot(id="1", start=Pose(x_m=0.0, y_m=0.0), goal=Pose(x_m=8.0, y_m=0.0)),
+        ScenarioRobot(id="2", start=Pose(x_m=1.5, y_m=0.0), goal=Pose(x_m=-8.0, y_m=0.0)),
+    ]
+    return with_absences(Scenario(name="meeting", robots=robots), "2", *absences_s)
+
+
+def test_an_absent_robot_neither_observes_nor_is_observed():
+    world = World(with_absences(lanes(3), "2", (0.2, 0.5)), seed=0, epoch=EPOCH)
+    for step in range(8):
+        there = {"1", "3"} if step in (2, 3, 4) else {"1", "2", "3"}
+        assert set(world.present) == world.observations().keys() == world.truth().robots.keys() == there
+        assert all(seen.robots.keys() == there for seen in world.observations().values())
+        sprinting(world, step + 1)
+
+
+def test_an_absent_robot_stays_where_it_is_whatever_it_is_told_and_stands_when_it_is_back():
+    world = World(with_absences(lanes(2, length_m=9.0), "2", (0.5, 0.8)), seed=0, epoch=EPOCH)
+    before = sprinting(world, 4).truth().robots["2"]
+    assert before.state.speed_mps == pytest.approx(0.4)
+    back = sprinting(world, 8).truth().robots["2"]
+    last_m = before.state.x_m + 0.1 * before.state.speed_mps
+    assert back.state.x_m == pytest.approx(last_m), "where it was when it left, at step 5"
+    assert back.state.speed_mps == back.acceleration_mps2 == back.turn_rate_radps == 0.0
+    assert back.driven_m == pytest.approx(before.state.x_m), "only what it drove in the scene"
+    after = sprinting(world, 10).truth().robots["2"]
+    assert after.state.speed_mps == pytest.approx(2 * 0.1 * sprint(8))
+
+
+def test_an_absent_robot_misses_no_deadlines():
+    world = World(with_absences(lanes(2), "2", (0.0, 0.5)), seed=0, epoch=EPOCH)
+    for _ in range(7):
+        world.advance({"1": command("1", world.step)})
+    robots = world.truth().robots
+    assert {name: robot.deadline_misses for name, robot in robots.items()} == {"1": 0, "2": 2}
+
+
+@pytest.mark.parametrize(("absences_s", "collides"), [((), True), (((0.0, 3.0),), False)])
+def test_an_absent_robot_is_not_met(absences_s, collides):
+    world = World(meeting(*absences_s), seed=0, epoch=EPOCH)
+    while world.step < 29:
+        world.advance({"1": command("1", world.step, 1.0)})
+    truth = world.truth()
+    assert truth.robots["1"].state.x_m > 3.0
+    assert bool(truth.collisions) == collides
+    assert (truth.minimum_distance_m is None) == (not collides)
+
+
+def test_an_absent_robot_does_not_arrive():
+    world = World(with_absences(lanes(1, length_m=0.05), "1", (0.0, 0.3)), seed=0, epoch=EPOCH)
+    assert not world.over
+    for _ in range(3):
+        assert world.truth().robots == {}
+        world.advance({})
+    assert world.truth().robots["1"].arrived_s == 0.3
+    assert world.truth().verdict == "arrived"
+
+
+def test_the_arrival_of_all_others_ends_the_run_once_a_robot_has_left_for_good():
+    world = sprinting(World(with_absences(lanes(3), "2", FOR_EVER), seed=0, epoch=EPOCH))
+    assert world.truth().verdict == "arrived"
+    assert world.step == SPRINT_STEPS
+
+
+def test_a_robot_that_comes_back_is_awaited():
+    comes_back = with_absences(lanes(3), "2", (0.5, 10.0))
+    world = sprinting(World(comes_back, seed=0, epoch=EPOCH))
+    assert world.truth().verdict is None
+
+
+def test_lock_step_does_not_wait_for_robots_that_are_not_in_the_scene():
+    """Although they are connected; and it does from the step on at which they are back."""
+    stage = Stage(scenario=with_absences(lanes(2, time_limit_s=1.0), "2", (0.2, 0.6)))
+    waited = []
+
+    def answer_late():
+        waited.append(stage.world.step)
+        stage.bus.answer("2", stage.world.step)
+
+    stage.bus.at_step[1] = lambda: stage.bus.silent.add("2")
+    stage.inbox.script = [answer_late] * 5
+    assert stage.drive().verdict == "timeout"
+    assert waited == [6, 7, 8, 9]
+    assert stage.misses() == {"1": 0, "2": 0}
+
+
+def test_a_withheld_command_is_a_miss_and_nothing_else_is_awaited():
+    stage = Stage(time_limit_s=0.5)
+    stage.bus.silent = {"2"}
+    for step in range(5):
+        stage.bus.at_step[step] = lambda step=step: stage.bus.answer("2", step, withheld=True)
+    assert stage.drive().verdict == "timeout"
+    assert stage.now() == 0.0, "lock-step does not wait for what will not come"
+    assert stage.misses() == {"1": 0, "2": 5}
+    assert stage.bus.truths[-1].refused == {}
+
+
+def test_a_command_after_a_withheld_one_answers_the_step_again():
+    stage = Stage(time_limit_s=0.1)
+    stage.bus.silent = {"2"}
+
+    def withhold_and_answer():
+        stage.bus.answer("2", 0, withheld=True)
+        stage.bus.answer("2", 0)
+
+    stage.bus.at_step[0] = withhold_and_answer
+    stage.drive()
+    assert stage.misses() == {"1": 0, "2": 1}
+    assert stage.bus.truths[-1].refused == {"2": {"answers a step again": 1}}
+
+
+@pytest.mark.parametrize(("then", "driven"), [((0.2, 0.5), (0.2, 0.5)), (None, (0.0, -1.0))])
+def test_in_place_of_a_withheld_command_the_robot_does_as_without_one(then, driven):
+    world = World(lanes(1, length_m=9.0), seed=0, epoch=EPOCH)
+    world.advance({"1": command("1", 0, 1.0, then=then)})
+    withheld = command("1", 1, 3.0, 1.0).model_copy(update={"withheld": True})
+    world.advance({"1": withheld})
+    robot = world.truth().robots["1"]
+    assert (robot.turn_rate_radps, robot.acceleration_mps2) == pytest.approx(driven)
+    assert (robot.deadline_misses, robot.clipped_commands) == (1, 0)
+
+
+STATES = {"1": at(0.0, 0.0), "2": at(3.0, 0.0), "3": at(0.0, 3.0)}
+
+
+def test_sensors_see_those_who_are_present_and_always_their_bearer():
+    sensors = Sensors("1", Sensing(), seed=0, index=0)
+    assert sensors.see(STATES).robots.keys() == {"1", "2", "3"}
+    assert sensors.see(STATES, ["1", "3"]).robots.keys() == {"1", "3"}
+    assert sensors.see(STATES, []).robots.keys() == {"1"}
+
+
+def test_what_is_seen_of_those_present_does_not_depend_on_who_is_absent():
+    """Noise and dropouts are drawn for everybody, so that an absence shifts nobody's luck."""
+    full, part = (Sensors("1", NOISY, seed=0, index=0) for _ in range(2))
+    for step in range(40):
+        everybody = full.see(STATES).robots
+        others = part.see(STATES, ["1", "3"] if step % 2 else None).robots
+        assert others == {name: each for name, each in everybody.items() if name != "2" or not step % 2}
+
+
+def test_a_late_view_shows_who_was_there_then():
+    sensors = Sensors("1", Sensing(delay_steps=2), seed=0, index=0)
+    views = [sensors.see(STATES, ["1", "2"] if step in (2, 3) else STATES) for step in range(7)]
+    assert ["3" in view.robots for view in views] == [True] * 4 + [False] * 2 + [True]
