@@ -130,7 +130,7 @@ class Agent:
         thought = _Thought() if self._arrived else self._think(watch)
         self._solver_failures += len(thought.failed)
         self._monitor.watch(self._memory, thought.prediction, observation.accuracy)
-        self._vigilance.look(self._memory)
+        self._vigilance.look(self._memory, observation.age_steps)
         control, then, emergency = self._act(thought)
         command = Command(
             epoch=observation.epoch,

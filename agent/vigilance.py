@@ -27,11 +27,16 @@ class Vigilance:
         self._robot = robot
         self._last: dict[str, tuple[int, Array]] = {}
 
-    def look(self, memory: Memory) -> None:
-        """Take in who was seen; to be called once a step."""
+    def look(self, memory: Memory, age_steps: int = 0) -> None:
+        """Take in who was seen; to be called once a step.
+
+        Args:
+            memory: with what is seen now.
+            age_steps: how old the view of the others is: who was seen so long ago is seen.
+        """
         for robot in memory.robots:
             if robot != self._robot:
-                seen_step = memory.step - memory.unseen_steps(robot)
+                seen_step = min(memory.step, memory.step - memory.unseen_steps(robot) + age_steps)
                 self._last[robot] = seen_step, memory.state(robot).copy()
         self._last = {
             robot: (seen_step, state)

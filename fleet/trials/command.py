@@ -12,6 +12,7 @@ from fleet.report_file import JsonOption
 from fleet.suites.command import checked_numbers, numbers_in
 from fleet.trials.cases import BUNDLED, Case, load_cases
 from fleet.trials.trial import Trial
+from protocol.faults import unknown_robot
 from protocol.scenario_file import ScenarioError
 from world.process import ExitStatus
 
@@ -64,6 +65,7 @@ def faults(
         cases = [case for case in cases if not case.needs_processes]
     if not cases:
         raise typer.BadParameter("in virtual time these cases mean nothing; give --processes")
+    _check_robots(cases, min(numbers_in(robots)), path)
     trials = [
         Trial(case, number, seed, goals)
         for case in cases
@@ -77,6 +79,16 @@ def faults(
         + (["--processes"] if processes else [])
     )
     raise typer.Exit(conduct(trials, workers or CORES, processes=processes, command=command, json_path=json))
+
+
+def _check_robots(cases: list[Case], fewest: int, path: Path) -> None:
+    """Refuse cases that name robots which a trial would lack: they would break nothing."""
+    for case in cases:
+        if found := unknown_robot(case.faults, [str(index + 1) for index in range(fewest)]):
+            raise typer.BadParameter(
+                f"case {case.name!r} of {path}, {found[0]}: {found[1]}; give larger numbers",
+                param_hint="--robots",
+            )
 
 
 def _chosen(cases: tuple[Case, ...], only: list[str] | None, path: Path) -> list[Case]:

@@ -94,3 +94,10 @@ def test_every_case_of_the_bundled_suite_befalls_robot_1_or_all_and_has_time_to_
         for fault in case.faults:
             assert getattr(fault, "robots", None) in (None, ("1",)), case.name
             assert case.settles_s is None or fault.duration_s is not None, case.name
+
+
+def test_a_case_of_a_robot_that_trials_would_lack_is_refused(tmp_path: Path):
+    case = "{name: third, faults: [{kind: stops, robots: [3]}]}"
+    result = unspoken_faults(suite(tmp_path / "suite.yaml", case), "--robots", "2,4")
+    assert result.exit_code == 2
+    assert "there is no robot '3'" in " ".join(result.output.split())
