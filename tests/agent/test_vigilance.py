@@ -78,13 +78,14 @@ def test_it_never_stops_for_somebody_whom_it_has_never_seen():
     assert not any(watch.sees(step, None) for step in range(GONE_STEPS))
 
 
-def test_a_late_view_is_old_by_its_age():
-    """What is last known of the other one is of the step of which the view is."""
+def test_a_late_view_that_says_so_is_seen():
     memory, vigilance = Memory(17, STEP_S, owner="a"), Vigilance(scene_of("ab"), "a")
-    for step in range(BLIND_STEPS + 2):
-        memory.remember(step, {"a": OWN, "b": BESIDE}, age_steps=min(step, BLIND_STEPS))
-        vigilance.look(memory)
+    late = BLIND_STEPS + 2
+    for step in range(3 * late):
+        memory.remember(step, {"a": OWN, "b": (*BESIDE[:3], 0.0)}, age_steps=min(step, late))
+        vigilance.look(memory, min(step, late))
         assert not vigilance.is_blind(memory)
-    memory.remember(BLIND_STEPS + 2, {"a": OWN}, age_steps=BLIND_STEPS)
-    vigilance.look(memory)
-    assert vigilance.is_blind(memory)
+    for gone in range(1, BLIND_STEPS + 2):
+        memory.remember(3 * late + gone - 1, {"a": OWN}, age_steps=late)
+        vigilance.look(memory, late)
+        assert vigilance.is_blind(memory) == (gone > BLIND_STEPS)
