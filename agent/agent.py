@@ -1,15 +1,14 @@
 """Algorithm 1: remember, estimate, predict, plan, act. No input or output, no clock, no thread."""
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import count
-from typing import NamedTuple
 
-from agent.acting import driven_last, first_input, is_same_input, second_input, without_a_plan
+from agent.acting import first_input, second_input, without_a_plan
 from agent.deadline import Deadline
 from agent.estimation import GoalsName
 from agent.estimation.interface import known_goal
+from agent.given import GivenCommands
 from agent.methods import method_of
 from agent.monitor import CollisionMonitor
 from agent.perception import Perception
@@ -23,10 +22,7 @@ from agent.vigilance import Vigilance
 from protocol.arrival import has_arrived
 from protocol.messages import Command, Degradation, Mind, Observation, Phase, Positions, State
 from protocol.scene import Goal, Scene
-from protocol.vehicle import STANDSTILL, Input, Limits, braking_input
-
-DOUBTFUL = 3
-"""So many of the last commands may have come too late without anything that showed it."""
+from protocol.vehicle import Input, Limits, braking_input
 
 
 @dataclass(frozen=True)
@@ -35,13 +31,6 @@ class Decision:
 
     command: Command
     mind: Mind
-
-
-class _Given(NamedTuple):
-    """A command that was given, with the speed at its step in m/s."""
-
-    command: Command
-    speed_mps: float
 
 
 @dataclass
@@ -107,7 +96,7 @@ class Agent:
         self._monitor = CollisionMonitor(scene, robot)
         self._arrived = False
         self._parked: set[str] = set()
-        self._given: deque[_Given] = deque(maxlen=DOUBTFUL + 1)
+        self._given = GivenCommands(self._limits, scene.step_s)
         self._solver_failures = 0
         self._ordinals = count()
 
@@ -125,7 +114,7 @@ class Agent:
             return None
         watch = Stopwatch(self._clock)
         self._deadline.begin()
-        self._forget_late_commands()
+        self._given.withdraw_late(self._memory.previous_input(self._robot), self._memory.step)
         self._arrived = self._has_arrived()
         thought = _Thought() if self._arrived else self._think(watch)
         self._solver_failures += len(thought.failed)
@@ -140,13 +129,13 @@ class Agent:
             acceleration_mps2=control.acceleration_mps2,
             then=then,
         )
-        self._given.append(_Given(command, self._speed_mps()))
+        self._given.add(command, self._speed_mps())
         degraded = self._degradations(observation, thought, refused, emergency)
         return Decision(command, self._mind(observation, thought, degraded, watch))
 
     def withdraw(self) -> None:
         """Take back the command of the last decision, which came too late to be given."""
-        self._given.pop()
+        self._given.withdraw()
 
     def remember(self, observation: Observation) -> None:
         """Take in what was seen at a step without a decision on it."""
@@ -159,8 +148,7 @@ class Agent:
 
     def _take_in(self, observation: Observation) -> set[str]:
         """Returns whose sightings are not believed."""
-        driven = self._driven_after(self._given[-1], observation.step) if self._given else None
-        return self._perception.take_in(observation, driven)
+        return self._perception.take_in(observation, self._given.driven_before(observation.step))
 
     def _has_arrived(self) -> bool:
         """For good, if it was seen without noise; otherwise only as long as it looks like that."""
@@ -214,30 +202,10 @@ class Agent:
         }
         return tuple(degradation for degradation, is_so in found.items() if is_so)
 
-    def _forget_late_commands(self) -> None:
-        """Take back the commands that were not driven, as far as this robot's own motion shows it.
-
-        Noise can hide that, and so can steps that it did not see; then all of them count as driven.
-        """
-        seen = self._memory.previous_input(self._robot)
-        step = self._memory.step
-        possible = [*(self._driven_after(given, step) for given in reversed(self._given)), STANDSTILL]
-        for late, driven in enumerate(possible):
-            if is_same_input(seen, driven, self._limits):
-                for _ in range(late):
-                    self.withdraw()
-                return
-
     def _previous_input(self) -> Input:
         """What this robot drove at the step before; recovered from poses until it has given a command."""
-        if not self._given:
-            return self._memory.previous_input(self._robot)
-        return self._driven_after(self._given[-1], self._memory.step)
-
-    def _driven_after(self, given: _Given, step: int) -> Input:
-        """What this robot drove before a step if this was its last command in time."""
-        missed_steps = step - given.command.step - 1
-        return driven_last(given.command, given.speed_mps, missed_steps, self._limits, self._scene.step_s)
+        driven = self._given.driven_before(self._memory.step)
+        return self._memory.previous_input(self._robot) if driven is None else driven
 
     @property
     def _limits(self) -> Limits:

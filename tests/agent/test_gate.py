@@ -90,6 +90,16 @@ def test_what_a_vehicle_drove_while_nobody_saw_it_is_believed(inputs, speed_mps,
     assert {by.judge("a", step, states[step], EXACT) for step in seen} == {BELIEVED}
 
 
+@pytest.mark.parametrize("gap", range(1, LONGEST_GAP + 1))
+@pytest.mark.parametrize("forwards", [1.0, -1.0])
+def test_the_tightest_turn_at_top_speed_is_believed(gap, forwards):
+    """After it has been reached; and the strongest braking in it."""
+    turning = Input(LIMITS.turn_rate_radps, forwards * LIMITS.acceleration_mps2)
+    braking = turning._replace(acceleration_mps2=-turning.acceleration_mps2)
+    states, by = driven([turning] * 60 + [braking] * 30), gate()
+    assert {by.judge("a", step, states[step], EXACT) for step in range(0, 91, gap)} == {BELIEVED}
+
+
 @settings(max_examples=30)
 @given(
     st.lists(HELD, min_size=8, max_size=8),

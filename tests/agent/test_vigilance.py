@@ -12,7 +12,7 @@ Place = tuple[float, float, float, float]
 OWN: Place = (0.0, 0.0, 0.0, 1.0)
 NEAR: Place = (3.5, 0.0, math.pi, 1.0)
 """Ahead, and it comes."""
-AWAY: Place = (3.5, 0.0, 0.0, 2.0)
+AWAY: Place = (2.2, 0.0, 0.0, 1.5)
 """Ahead, and faster than who looks."""
 FAR: Place = (9.0, 0.0, math.pi, 1.0)
 BESIDE: Place = (0.0, 1.5, 0.0, 1.0)

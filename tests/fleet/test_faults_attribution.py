@@ -142,12 +142,24 @@ def test_who_is_hit_from_behind_is_not_to_blame(blamed: Blamed) -> None:
 
 def test_who_has_braked_and_stands_when_the_other_comes_is_not_to_blame(blamed: Blamed) -> None:
     """Head on: both could see it coming, and one of them did what it could."""
-    ways = {"a": way(-6.0, 0.0, 0.0, 2.0, braking_from=10), "b": way(3.0, 0.0, math.pi, 2.0)}
+    ways = {"a": way(-6.0, 0.0, 0.0, 2.0, braking_from=20), "b": way(9.0, 0.0, math.pi, 2.0)}
     contact = contact_of(ways["a"], ways["b"])
     there = ways["a"][contact]
     assert there is not None
     assert there.state.speed_mps == pytest.approx(0.0)
     assert [found.robot for found in blamed(ways)] == ["b"]
+
+
+def test_nobody_has_to_brake_for_who_passes_by_until_it_turns(blamed: Blamed) -> None:
+    """Had robot a braked before, there would have been no collision; but nothing told it to."""
+    beside = way(-6.0, 1.5, 0.0, 2.0)[:20]
+    last = beside[-1]
+    assert last is not None
+    x_m, y_m, _, speed_mps = last.state
+    turned = way(x_m, y_m, -math.pi / 4, math.sqrt(2.0) * speed_mps, since=20)
+    ways = {"a": way(-6.0, 0.0, 0.0, 2.0), "b": [*beside, *turned[20:]]}
+    assert contact_of(ways["a"], ways["b"]) in range(21, 25)
+    assert blamed(ways) == []
 
 
 @pytest.mark.parametrize("braking_from", [10, STEPS], ids=["brakes", "does not"])

@@ -1,6 +1,7 @@
 """Robots that are not in the scene: not seen, not met, not awaited; and commands that are withheld."""
 
 import pytest
+from structlog.testing import capture_logs
 from world_helpers import EPOCH, SPRINT_STEPS, at, command, lanes, sprint
 from world_stage import Stage
 
@@ -93,10 +94,16 @@ def test_the_arrival_of_all_others_ends_the_run_once_a_robot_has_left_for_good()
     assert world.step == SPRINT_STEPS
 
 
-def test_a_robot_that_comes_back_is_awaited():
-    comes_back = with_absences(lanes(3), "2", (0.5, 10.0))
-    world = sprinting(World(comes_back, seed=0, epoch=EPOCH))
+@pytest.mark.parametrize("absence_s", [(0.5, 10.0), (2.5, 1e5)], ids=["comes back", "leaves later"])
+def test_a_robot_that_has_not_left_for_good_is_awaited(absence_s):
+    world = World(with_absences(lanes(3), "2", absence_s), seed=0, epoch=EPOCH)
+    while world.step < SPRINT_STEPS:
+        world.advance({robot: command(robot, world.step, sprint(world.step)) for robot in "13"})
+    assert [world.truth().robots[robot].arrived_s for robot in "13"] == [2.0, 2.0]
     assert world.truth().verdict is None
+    while world.step < 25:
+        world.advance({})
+    assert (world.truth().verdict == "arrived") == (absence_s[1] > 60.0)
 
 
 def test_lock_step_does_not_wait_for_robots_that_are_not_in_the_scene():
@@ -120,7 +127,11 @@ def test_a_withheld_command_is_a_miss_and_nothing_else_is_awaited():
     stage.bus.silent = {"2"}
     for step in range(5):
         stage.bus.at_step[step] = lambda step=step: stage.bus.answer("2", step, withheld=True)
-    assert stage.drive().verdict == "timeout"
+    with capture_logs() as log:
+        assert stage.drive().verdict == "timeout"
+    told = [entry["steps_by_robot"] for entry in log if "steps_by_robot" in entry]
+    assert [sum(each.values()) for each in told] == [1, 4]
+    assert all(each.keys() == {"2"} for each in told)
     assert stage.now() == 0.0, "lock-step does not wait for what will not come"
     assert stage.misses() == {"1": 0, "2": 5}
     assert stage.bus.truths[-1].refused == {}
