@@ -16,6 +16,7 @@ from agent.estimation import GoalsName
 from agent.inbox import Inbox
 from agent.notices import LateDecisions
 from agent.solver import SolverName
+from agent.solver.problem import JointSolver
 from agent.warm import compile_in_background, warm_up
 from protocol.codec import decode, encode
 from protocol.identity import Identity
@@ -48,8 +49,19 @@ class RobotOptions:
     budget_s: float | None
 
 
-def make_agent(options: RobotOptions, scene: Scene) -> Agent:
+def make_agent(
+    options: RobotOptions,
+    scene: Scene,
+    deadline: Deadline | None = None,
+    through: Callable[[JointSolver], JointSolver] = lambda solver: solver,
+) -> Agent:
     """The algorithm itself.
+
+    Args:
+        options: what the robot is told.
+        scene: of its world.
+        deadline: of its decisions; None for that of the options.
+        through: see :class:`agent.agent.Agent`.
 
     Raises:
         ValueError: the estimator needs something that the scene does not hold.
@@ -62,7 +74,8 @@ def make_agent(options: RobotOptions, scene: Scene) -> Agent:
         solver=options.solver,
         clock=time.perf_counter,
         iterations=options.iterations,
-        deadline=Deadline(time.perf_counter, options.budget_s),
+        deadline=deadline or Deadline(time.perf_counter, options.budget_s),
+        through=through,
     )
 
 

@@ -1,9 +1,36 @@
-"""The line that shows how a run is getting on."""
+"""The line that shows how a run, or a number of them, is getting on."""
 
 from rich.console import Console
-from rich.progress import Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from protocol.messages import Message, Truth
+
+SPEED_S = 600.0
+"""The time left is judged by what was done in so many seconds: runs differ much."""
+
+
+def progress_of_many(console: Console) -> Progress:
+    """A bar with the time left; its tasks have a field ``failed``, a text."""
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[failed]}"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        console=console,
+        speed_estimate_period=SPEED_S,
+    )
 
 
 class RunProgress(Progress):

@@ -6,14 +6,7 @@ from pathlib import Path
 
 from distributed import Client
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import Progress
 
 from fleet.compiling import announced, compile_solver
 from fleet.crew import ProcessFailedError
@@ -22,12 +15,11 @@ from fleet.evaluation.evaluation import Evaluation, Run
 from fleet.evaluation.results import Results, ResultsError
 from fleet.evaluation.table import method_table
 from fleet.interruption import Interruption
+from fleet.progress import progress_of_many
 from world.process import ExitStatus
 
 WIDTH = 110
 """What the table needs."""
-SPEED_S = 600.0
-"""The time left is judged by what was done in so many seconds: runs differ much."""
 
 
 def conduct(evaluation: Evaluation, directory: Path, workers: int, dask: str | None) -> ExitStatus:
@@ -80,7 +72,7 @@ def _make_runs(
     if not missing:
         return None
     try:
-        with _progress(errors) as progress:
+        with progress_of_many(errors) as progress:
             if dask is None:
                 line = progress.add_task(announced("starting"), total=None, failed="")
                 compile_solver(interruption)
@@ -108,20 +100,6 @@ def _follow(
 
 def _cluster(dask: str | None, workers: int) -> AbstractContextManager[Client]:
     return local_cluster(workers) if dask is None else existing_cluster(dask)
-
-
-def _progress(console: Console) -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[failed]}"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        console=console,
-        speed_estimate_period=SPEED_S,
-    )
 
 
 def _tell_beforehand(evaluation: Evaluation, total: int, there: int, errors: Console) -> None:

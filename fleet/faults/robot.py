@@ -13,7 +13,7 @@ import typer
 import agent.__main__
 from agent.agent import Agent, Decision
 from agent.deadline import Deadline
-from agent.process import Decides, RobotOptions
+from agent.process import Decides, RobotOptions, make_agent
 from agent.solver.problem import JointSolver
 from fleet.faults.robot_mind import RobotMind
 from fleet.faults.schedule import Scheduled
@@ -31,17 +31,7 @@ def make_faulty(options: RobotOptions, scene: Scene) -> Decides:
     """
 
     def make(scene: Scene, deadline: Deadline, through: Callable[[JointSolver], JointSolver]) -> Agent:
-        return Agent(
-            options.robot,
-            options.goal,
-            scene,
-            goals=options.goals,
-            solver=options.solver,
-            clock=time.perf_counter,
-            iterations=options.iterations,
-            deadline=deadline,
-            through=through,
-        )
+        return make_agent(options, scene, deadline, through)
 
     faults = faults_told(scene)
     mind = RobotMind(make, options.robot, scene, faults, clock=time.perf_counter, budget_s=options.budget_s)

@@ -5,19 +5,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 
 from fleet.compiling import announced, compile_solver
 from fleet.crew import ProcessFailedError
 from fleet.evaluation.cluster import LostError, local_cluster, outcomes
 from fleet.interruption import Interruption
+from fleet.progress import progress_of_many
 from fleet.report_file import TO_STDOUT, write_report
 from fleet.trials import live
 from fleet.trials.showing import case_table, failure_lines
@@ -43,7 +36,7 @@ def conduct(
     errors = Console(stderr=True, highlight=False)
     done: list[Outcome] = []
     complaint: Exception | None = None
-    with Interruption() as interruption, _progress(errors) as progress:
+    with Interruption() as interruption, progress_of_many(errors) as progress:
         line = progress.add_task(announced("starting"), total=None, failed="")
         try:
             compile_solver(interruption)
@@ -92,18 +85,4 @@ def _report(done: Sequence[Outcome], wanted: int) -> str:
             "trials": [each.model_dump() for each in done],
         },
         indent=2,
-    )
-
-
-def _progress(console: Console) -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[failed]}"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        console=console,
-        speed_estimate_period=600.0,
     )
