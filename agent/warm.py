@@ -15,6 +15,7 @@ import numpy as np
 from agent.agent import Agent
 from agent.compiled import FOLDER, is_complete, is_writable, mark_complete, places
 from agent.estimation import GoalsName
+from agent.gate import REACQUIRED_AFTER
 from agent.solver import SolverName
 from agent.vehicle import rollout
 from protocol.messages import Accuracy, Observation, State
@@ -96,7 +97,7 @@ def warm_up(goals: GoalsName, solver: SolverName) -> float:
         {robot: State.of(*track[step].tolist()) for robot, track in tracks.items()}
         for step in range(HORIZONS.estimation_steps + 3)
     ]
-    seen.append({**seen[-1], "1": PARKING})
+    seen += REACQUIRED_AFTER * [{**seen[-1], "1": PARKING}]
     for step, states in enumerate(seen):
         accuracy = Accuracy() if step else NOISY
         agent.decide(

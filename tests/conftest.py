@@ -1,18 +1,36 @@
-"""Property tests are not judged by the clock: the machine is shared. In CI they repeat the same examples."""
+"""Property tests are not judged by the clock: the machine is shared. In CI they repeat the same examples.
+
+The solver is compiled once, which takes more than a minute on a fresh clone. Meanwhile those tests run that
+do not need it.
+"""
 
 import os
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
 from agent.warm import compile_in_background
 
+HERE = Path(__file__).parent
+WITHOUT_SOLVER = [HERE / folder for folder in ("deploy", "protocol", "silence", "world")]
+
 settings.register_profile("unspoken", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if "CI" in os.environ else "unspoken")
 
 
-@pytest.fixture(scope="session", autouse=True)
-def _compiled_solver():
-    """Compiled before the first test; of the processes that share the tests, one does it for all."""
-    compile_in_background(unwanted=lambda: False)
+def _needs_solver(path: Path) -> bool:
+    return path.parent not in WITHOUT_SOLVER
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Those that need no solver come first: of several workers, the first one gets them."""
+    items.sort(key=lambda item: _needs_solver(item.path))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled_solver(request: pytest.FixtureRequest) -> None:
+    """Compiled before the first test that needs it; of the processes that share the tests, one does it."""
+    if _needs_solver(request.path):
+        compile_in_background(unwanted=lambda: False)

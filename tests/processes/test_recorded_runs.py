@@ -89,6 +89,8 @@ def test_a_run_leaves_its_summary_recording_picture_and_logs(out):
         "deadline_misses": 0,
         "clipped_commands": 0,
         "refused": {},
+        "interventions": 0,
+        "degraded": {},
         "restarts": {},
     }
     assert [robot["id"] for robot in robots] == list(ROBOTS)
