@@ -89,7 +89,7 @@ def test_a_world_that_fails_is_started_again_and_its_robots_come_back_by_themsel
 @pytest.mark.slow
 @pytest.mark.parametrize("clock", ["lockstep", "realtime"])
 def test_a_robot_that_is_killed_drives_its_plan_for_a_step_and_then_brakes(tmp_path, bench, clock):
-    scenario = write_scenario(tmp_path / "lanes.yaml", lanes(2, 9.0), horizons=FAR_SIGHTED, time_limit_s=4.0)
+    scenario = write_scenario(tmp_path / "lanes.yaml", lanes(2, 9.0), horizons=FAR_SIGHTED, time_limit_s=8.0)
     run = bench("out", "run", scenario, "--clock", clock)
     run.reach(10)
     kill(run, run.pid("agent", "2"))
@@ -104,8 +104,8 @@ def test_a_robot_that_is_killed_drives_its_plan_for_a_step_and_then_brakes(tmp_p
         former = true[step]
         braking = braking_input(Limits(), applied(former), former.state.speed_mps, 0.1)
         assert applied(true[step + 1]) == pytest.approx(braking)
-    assert true[end].state.speed_mps == 0.0
-    assert end == 40, "the others drive on"
+    assert abs(true[end].state.speed_mps) < 1e-9
+    assert end == 80, "the others drive on"
 
 
 def applied(robot):
