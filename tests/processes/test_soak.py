@@ -1,4 +1,7 @@
-"""Crossings back to back in the same processes: nothing grows, nothing is lost."""
+"""Crossings back to back in the same processes: world and robots do not grow, nothing is lost.
+
+The bench does, by about a kibibyte a step: it keeps every robot's way for the picture.
+"""
 
 import os
 import threading
@@ -81,7 +84,7 @@ def test_for_as_long_as_robots_cross_nothing_grows_and_nothing_is_lost(tmp_path,
         _truths = session.declare_subscriber(run.keys().truth, look)
         for share, event in passed.items():
             assert event.wait(SOAK_S), f"{share:.0%} of the run did not come"
-            (early if share in EARLY else late).append(memory_by_process([run.own_pid, *run.children()]))
+            (early if share in EARLY else late).append(memory_by_process(run.children()))
     assert run.end() == 1, run.complained
     for pid in early[0]:
         before, after = (median(sample[pid] for sample in samples) for samples in (early, late))
