@@ -12,7 +12,7 @@ import numpy as np
 from agent.memory import Memory
 from agent.planning import Plan
 from agent.prediction import Prediction
-from agent.vehicle import Array, rollout
+from agent.vehicle import Array, rollout, velocity
 from protocol.messages import Accuracy
 from protocol.scene import Scene
 from protocol.vehicle import Input, Limits, braking_input
@@ -98,11 +98,10 @@ class CollisionMonitor:
         self, expected: Array, ahead: int, state: Array, accuracy: Accuracy, stopping_s: float
     ) -> float:
         """By how much a robot will be elsewhere than expected after a time, beyond what noise explains."""
-        heading, speed = float(state[2]), float(state[3])
-        velocity = speed * np.array([math.cos(heading), math.sin(heading)])
         expected_velocity = (expected[ahead + 1] - expected[ahead]) / self._scene.step_s
-        off_m = math.dist(expected[ahead], state[:2]) + stopping_s * math.dist(expected_velocity, velocity)
-        noise_mps = accuracy.speed_mps + abs(speed) * accuracy.heading_rad
+        off_mps = math.dist(expected_velocity, velocity(state))
+        off_m = math.dist(expected[ahead], state[:2]) + stopping_s * off_mps
+        noise_mps = accuracy.speed_mps + abs(float(state[3])) * accuracy.heading_rad
         return off_m - SIGMAS * (accuracy.position_m + stopping_s * noise_mps)
 
     def _is_danger(

@@ -3,6 +3,8 @@
 A state is (p_x, p_y, ψ, v), an input is (ω, a); see ``protocol.vehicle`` for units and frames.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,6 +33,12 @@ def rollout(state: Array, inputs: Array, step_s: float) -> Array:
     way = step_s * speed[..., None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
     states[..., 1:, :2] = state[..., None, :2] + np.cumsum(way, axis=-2)
     return states
+
+
+def velocity(state: Array) -> Array:
+    """The velocity (v_x, v_y) of a state, in m/s, shape (2,)."""
+    heading, speed = float(state[2]), float(state[3])
+    return speed * np.array([math.cos(heading), math.sin(heading)])
 
 
 def recovered_inputs(states: Array, step_s: float) -> Array:

@@ -1,11 +1,9 @@
 """Vigilance: whom a robot does not see although it should, and when it has to stop for that."""
 
-import math
-
 import numpy as np
 
 from agent.memory import MOST_CAUTION_M, Memory
-from agent.vehicle import Array
+from agent.vehicle import Array, velocity
 from protocol.scene import Scene
 
 BLIND_STEPS = 5
@@ -58,7 +56,7 @@ class Vigilance:
         safety_m = self._scene.safety_distance_m(self._robot, robot) + MOST_CAUTION_M
         if distance_m < safety_m:
             return True
-        approaches = float((_velocity(state) - _velocity(own)) @ apart) < 0.0
+        approaches = float((velocity(state) - velocity(own)) @ apart) < 0.0
         reach_m = self._stopping_m(self._robot, own) + self._stopping_m(robot, state)
         return approaches and distance_m < safety_m + reach_m
 
@@ -67,8 +65,3 @@ class Vigilance:
         limits, speed_mps = self._scene.robot(robot).limits, abs(float(state[3]))
         ramp_s = limits.acceleration_mps2 / limits.jerk_mps3
         return speed_mps * ramp_s + speed_mps**2 / (2.0 * limits.acceleration_mps2)
-
-
-def _velocity(state: Array) -> Array:
-    heading, speed = float(state[2]), float(state[3])
-    return speed * np.array([math.cos(heading), math.sin(heading)])

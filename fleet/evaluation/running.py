@@ -21,14 +21,14 @@ CLOCK = "virtual"
 def execute(run: Run) -> Row:
     """Drive a scenario to its verdict; an exception on the way becomes a failed row."""
     try:
-        _make_ready(run.goals, run.solver)
+        make_ready(run.goals, run.solver)
         return _drive(run)
     except Exception as error:  # whatever it is, the other runs go on
-        return Row.without_result(run.key, len(run.scenario.robots), _told(error))
+        return Row.without_result(run.key, len(run.scenario.robots), told(error))
 
 
 @cache
-def _make_ready(goals: GoalsName, solver: SolverName) -> None:
+def make_ready(goals: GoalsName, solver: SolverName) -> None:
     """Load all that robots need, once in a process, so that no run is charged with it."""
     compile_in_background(unwanted=lambda: False)
     warm_up(goals, solver)
@@ -60,7 +60,7 @@ def _drive(run: Run) -> Row:
     return Row.finished(run.key, tally.summary(facts), cpu_s, wall_s)
 
 
-def _told(error: Exception) -> str:
+def told(error: Exception) -> str:
     """What went wrong, and where."""
     place = traceback.extract_tb(error.__traceback__)[-1]
     return f"{type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"

@@ -25,21 +25,16 @@ def violations(case: Case, scenario: Scenario, seed: int, evidence: Evidence) ->
     if evidence.end is None:
         return ["nothing was recorded"]
     faults = case.scheduled(scenario, seed)
-    befallen = {robot.id for robot in scenario.robots if any(_befalls(each, robot.id) for each in faults)}
-    healthy = {robot.id for robot in scenario.robots} - befallen
+    robots = {robot.id for robot in scenario.robots}
+    healthy = {robot for robot in robots if not any(_befalls(each, robot) for each in faults)}
     return [
         *lost_steps(evidence),
         *_no_verdict(evidence),
         *_amiss_before(evidence.epochs[0], min(each.begin for each in faults)),
         *_collisions(case, scenario, evidence, healthy),
-        *_not_arrived(evidence, set(scenario_ids(scenario)) if case.everybody_arrives else healthy),
+        *_not_arrived(evidence, robots if case.everybody_arrives else healthy),
         *_unsettled(case, scenario, faults, evidence.epochs[-1]),
     ]
-
-
-def scenario_ids(scenario: Scenario) -> list[str]:
-    """Of its robots."""
-    return [robot.id for robot in scenario.robots]
 
 
 def _befalls(fault: Scheduled[Any], robot: str) -> bool:

@@ -1,18 +1,15 @@
 """One trial: a case with a number of robots and a seed."""
 
 import time
-import traceback
-from functools import cache
 from importlib.metadata import version
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from agent.estimation import GoalsName
-from agent.warm import compile_in_background, warm_up
 from fleet.closed_loop import closed_loop
+from fleet.evaluation.running import make_ready, told
 from fleet.facts import VIRTUAL, RunFacts
 from fleet.suites.families import FAMILIES
 from fleet.trials.cases import Case
@@ -66,15 +63,14 @@ def execute(trial: Trial) -> Outcome:
     begin_s = time.perf_counter()
     evidence, scenario = Evidence(), trial.scenario()
     try:
-        _make_ready(trial.goals)
+        make_ready(trial.goals, "realtime")
         for moment in closed_loop(scenario, _facts(trial, scenario), time.thread_time):
             evidence.add(moment.truth)
             for decision in moment.decisions.values():
                 evidence.add(decision.mind)
         found = violations(trial.case, scenario, trial.seed, evidence)
     except Exception as error:  # whatever it is, it must not happen, and the other trials go on
-        place = traceback.extract_tb(error.__traceback__)[-1]
-        found = [f"{type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"]
+        found = [told(error)]
     return outcome(trial, evidence, found, time.perf_counter() - begin_s)
 
 
@@ -110,10 +106,3 @@ def _facts(trial: Trial, scenario: Scenario) -> RunFacts:
         run="trial",
         version=version("unspoken"),
     )
-
-
-@cache
-def _make_ready(goals: GoalsName) -> None:
-    """Load all that robots need, once in a process."""
-    compile_in_background(unwanted=lambda: False)
-    warm_up(goals, "realtime")

@@ -34,7 +34,7 @@ def driven(monkeypatch: pytest.MonkeyPatch) -> list[Run]:
         return Row(**run.key._asdict(), robots=2, verdict="arrived", duration_s=duration_s, collisions=0)
 
     monkeypatch.setattr(running, "_drive", drive)
-    monkeypatch.setattr(running, "_make_ready", lambda *_: None)
+    monkeypatch.setattr(running, "make_ready", lambda *_: None)
     use(monkeypatch, InThisProcess())
     return runs
 
