@@ -17,7 +17,7 @@ def faulty(path, faults, length_m=2.0, **rules):
     content = {
         "name": path.stem,
         "horizons": {"prediction_steps": 12, "estimation_steps": 3},
-        "time_limit_s": 15.0,
+        "time_limit_s": 60.0,  # a process that starts again on a busy machine may take its time
         "robots": lanes(2, length_m),
         "faults": faults,
         **rules,
