@@ -21,6 +21,9 @@ CONNECT_S = 10.0
 """A scheduler and its first worker are waited for so long."""
 LOOK_S = 0.1
 """How often a wait for a run looks whether it is still wanted."""
+FETCH_S = 10.0
+"""For one result. With less, Dask fails to say on a busy machine that the time was over, and takes it for an
+error of the run."""
 ONE_AT_A_TIME = {"distributed.scheduler.worker-saturation": 1.0}
 """No run waits at a worker that is busy with another one, and is suspected when that one kills it."""
 J = TypeVar("J")
@@ -151,7 +154,7 @@ def _result(future: "Future[R]", job: J, without_result: Callable[[J, str], R]) 
     if future.cancelled():
         raise LostError("the Dask cluster has dropped the runs")
     try:
-        result = future.result(timeout=LOOK_S)
+        result = future.result(timeout=FETCH_S)
     except TimeoutError:
         return None
     except KilledWorker:
