@@ -9,8 +9,9 @@ import typer
 import zenoh
 
 from agent.estimation import DEFAULT_GOALS, GoalsName
+from agent.joining import SceneError
 from agent.orca import is_available
-from agent.process import MakeAgent, RobotOptions, RobotProcess, SceneError, make_agent
+from agent.process import MakeAgent, RobotOptions, RobotProcess, make_agent
 from agent.solver import ITERATIONS, SolverName
 from agent.warm import CompilingError
 from protocol.codec import MessageError

@@ -63,8 +63,12 @@ class Keys:
 
     @property
     def scene(self) -> str:
-        """What everybody may know: a queryable of the world."""
+        """What everybody may know: a queryable of the world, for the bench."""
         return f"unspoken/{self.run}/scene"
+
+    def scene_for(self, robot: str) -> str:
+        """The same for this robot, which says in its question what version of the protocol it speaks."""
+        return self._of("scene", robot)
 
     @property
     def truth(self) -> str:
@@ -82,7 +86,7 @@ class Keys:
         return f"unspoken/{self.run}/**"
 
     def robot_of(self, key: str) -> str:
-        """The robot named by a pose, command, alive or mind key."""
+        """The robot named by a pose, command, alive or mind key, or by its own scene key."""
         return key.rpartition("/")[2]
 
     def kind_of(self, key: str) -> str:

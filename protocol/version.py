@@ -23,3 +23,18 @@ def software_version() -> str:
 def version_text() -> str:
     """What ``unspoken --version`` tells."""
     return f"unspoken {software_version()}, protocol {PROTOCOL_VERSION}"
+
+
+def disagreement(robot: str, its: int, the_worlds: int) -> str:
+    """What robot and world both tell where they speak different versions of the protocol.
+
+    Args:
+        robot: its id.
+        its: the version that the robot speaks.
+        the_worlds: the version that the world speaks.
+    """
+    behind = "the world" if the_worlds < its else f"robot {robot}"
+    return (
+        f"robot {robot} speaks version {its} of the protocol, the world version {the_worlds}; update the "
+        f"software of {behind}"
+    )
