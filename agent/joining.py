@@ -5,11 +5,25 @@ import zenoh
 from protocol.codec import OtherVersionError, decode, encode
 from protocol.keys import Keys
 from protocol.messages import Joining, PublicScene
+from protocol.scene import Scene
 from protocol.version import PROTOCOL_VERSION, disagreement
 
 
 class SceneError(Exception):
     """The world's scene does not fit this robot; the text says why and what to do."""
+
+
+def refuse_strangers(robot: str, scene: Scene) -> None:
+    """Go on only if the scene has this robot.
+
+    Raises:
+        SceneError: it has not.
+    """
+    if robot not in scene.robots:
+        raise SceneError(
+            f"this world has no robot {robot!r}; its robots are {', '.join(scene.robots)}. "
+            "Start this robot with one of these ids, or the world with another scenario."
+        )
 
 
 def ask_for_scene(session: zenoh.Session, keys: Keys, robot: str, timeout_s: float) -> PublicScene | None:

@@ -14,7 +14,7 @@ from agent.compiled import forbid_compiling
 from agent.deadline import Deadline
 from agent.estimation import GoalsName
 from agent.inbox import Inbox
-from agent.joining import SceneError, ask_for_scene
+from agent.joining import SceneError, ask_for_scene, refuse_strangers
 from agent.notices import LateDecisions
 from agent.solver import SolverName
 from agent.solver.problem import JointSolver
@@ -200,11 +200,7 @@ class RobotProcess:
 
     def _agent(self, scene: Scene) -> Decides:
         options = self._options
-        if options.robot not in scene.robots:
-            raise SceneError(
-                f"this world has no robot {options.robot!r}; its robots are {', '.join(scene.robots)}. "
-                "Start this robot with one of these ids, or the world with another scenario."
-            )
+        refuse_strangers(options.robot, scene)
         try:
             return self._make_agent(options, scene)
         except ValueError as error:

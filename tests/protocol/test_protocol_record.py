@@ -17,7 +17,8 @@ HELP = """
 What robots, world and bench say to each other has changed ({changed}), and the version of the
 protocol has not. Those with other software would refuse each other's messages without a clear word. So:
 - if no release has version {version} yet, run 'python tests/protocol/recorded_protocol.py';
-- otherwise raise PROTOCOL_VERSION in protocol/version.py to {next}, and then run it: the record of {version} stays.
+- otherwise raise PROTOCOL_VERSION in protocol/version.py to {next} before you run it, and keep the record
+  of version {version} as it is.
 docs/protocol.md says more.
 """
 
