@@ -2,6 +2,7 @@
 
 import statistics
 import time
+from typing import NamedTuple
 
 from agent.checking.crossing import Crossing, scene_of
 from agent.checking.device import Device
@@ -18,8 +19,24 @@ FEWEST = 10
 """So many are measured even on a very slow device."""
 LONGEST_S = 20.0
 """After this time no further decision is measured."""
+HELD_UP = 0.2
+"""From this part of the time on, others that run here are worth a word."""
 TIGHT = 0.6
 """From this part of Δt on little is left for the way to the world and back, and for whatever else runs."""
+
+
+class Taken(NamedTuple):
+    """Time that decisions have taken."""
+
+    durations_s: list[float]
+    """Of each, on the clock."""
+    computed_s: float
+    """By this process on a processor, all together."""
+
+    @property
+    def held_up(self) -> float:
+        """The part of the time in which this process had no processor."""
+        return max(0.0, 1.0 - self.computed_s / sum(self.durations_s))
 
 
 def check_speed(device: Device, scene: Scene | None) -> Finding:
@@ -30,14 +47,14 @@ def check_speed(device: Device, scene: Scene | None) -> Finding:
         scene: of the world that was reached; None for one as the defaults have it.
     """
     crossed = scene or scene_of(device.robot, device.robots)
-    durations_s = durations(device, crossed)
+    taken = measure(device, crossed)
     count = len(crossed.robots)
     robots = f"{count} robot{'' if count == 1 else 's'} {'as in the world' if scene else 'expected'}"
-    return judged(durations_s, crossed.step_s, robots, device.budget_s)
+    return judged(taken, crossed.step_s, robots, device.budget_s)
 
 
-def durations(device: Device, scene: Scene) -> list[float]:
-    """How long decisions take, from a pose as it comes in to the command as it goes out, in s.
+def measure(device: Device, scene: Scene) -> Taken:
+    """Decide again and again, each time from a pose as it comes in to the command as it goes out.
 
     Args:
         device: its options; its goal is one across the circle here.
@@ -48,7 +65,8 @@ def durations(device: Device, scene: Scene) -> list[float]:
     known = scene.model_copy(update={"goals": crossing.goals})
     agent = make_agent(device.options(None, crossing.goals[device.robot]), known)
     until_s = time.perf_counter() + LONGEST_S
-    taken_s: list[float] = []
+    taken = Taken([], 0.0)
+    begun_s = time.process_time()
     for step in range(DECISIONS):
         payload = encode(crossing.observation(step))
         begin_s = time.perf_counter()
@@ -57,21 +75,22 @@ def durations(device: Device, scene: Scene) -> list[float]:
             encode(decision.mind), encode(decision.command)
             crossing.drive(decision.command.input)
         end_s = time.perf_counter()
-        taken_s.append(end_s - begin_s)
-        if end_s > until_s and len(taken_s) >= FEWEST:
+        taken.durations_s.append(end_s - begin_s)
+        if end_s > until_s and len(taken.durations_s) >= FEWEST:
             break
-    return taken_s
+    return taken._replace(computed_s=time.process_time() - begun_s)
 
 
-def judged(durations_s: list[float], step_s: float, robots: str, budget_s: float | None) -> Finding:
-    """What to say of them.
+def judged(taken: Taken, step_s: float, robots: str, budget_s: float | None) -> Finding:
+    """What to say of it.
 
     Args:
-        durations_s: of decisions.
+        taken: by decisions.
         step_s: Δt, their deadline.
         robots: with how many, for people.
         budget_s: that was to be kept, if any.
     """
+    durations_s = taken.durations_s
     usual_s = statistics.quantiles(durations_s, n=20, method="inclusive")[-1]
     longest_s = max(durations_s)
     budget = "no budget" if budget_s is None else f"a budget of {_ms(budget_s)}"
@@ -80,15 +99,16 @@ def judged(durations_s: list[float], step_s: float, robots: str, budget_s: float
         f"longest of {len(durations_s)} {_ms(longest_s)}; {100.0 * usual_s / step_s:.0f} % of "
         f"Δt = {_ms(step_s)}"
     )
-    help_text = (
-        f"set --budget-ms to about half of Δt ({500.0 * step_s:.0f}), expect fewer robots, end what else "
-        "runs here, or take a faster device"
-    )
+    if taken.held_up > HELD_UP:
+        told += f"; others that run here took {100.0 * taken.held_up:.0f} % of the time"
+    remedy = "end what else runs here, expect fewer robots, or take a faster device"
+    if budget_s is None:
+        remedy = f"set --budget-ms to about half of Δt ({500.0 * step_s:.0f}), {remedy}"
     if usual_s > step_s:
         late = "in real time, commands would come too late (a world in lock-step waits)"
-        return Finding(ITEM, "failed", f"{told}: {late}", help_text)
+        return Finding(ITEM, "failed", f"{told}: {late}", remedy)
     if usual_s > TIGHT * step_s or longest_s > step_s:
-        return Finding(ITEM, "warning", f"{told}: little is left", help_text)
+        return Finding(ITEM, "warning", f"{told}: little is left", remedy)
     return Finding(ITEM, "ok", told)
 
 
