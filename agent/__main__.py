@@ -8,19 +8,25 @@ from typing import Annotated
 import typer
 import zenoh
 
+from agent.checking.command import check_device
+from agent.checking.device import Device
+from agent.configuration import options_in
 from agent.estimation import DEFAULT_GOALS, GoalsName
+from agent.joining import SceneError
 from agent.orca import is_available
-from agent.process import MakeAgent, RobotOptions, RobotProcess, SceneError, make_agent
+from agent.process import MakeAgent, RobotOptions, RobotProcess, make_agent
 from agent.solver import ITERATIONS, SolverName
 from agent.warm import CompilingError
 from protocol.codec import MessageError
 from protocol.device_keys import DeviceKeys
 from protocol.identity import IdentityError, client_identity
 from protocol.keys import checked_name
-from protocol.scene import Goal
+from protocol.scene import MAX_ROBOTS, Goal
 from protocol.session import reason_of
 from protocol.signals import end_with_parent, on_wish_to_end
+from protocol.yaml_file import YamlFileError
 
+NOT_READY = 1
 WRONG_USAGE = 2
 FAILED = 3
 ITERATIONS_HELP = "Most iterations of the real-time solver for one trajectory problem at one step."
@@ -29,6 +35,20 @@ GOALS_HELP = (
     "a baseline that asks for no goals."
 )
 BUDGET_HELP = "Milliseconds after which the real-time solver improves a decision no further."
+ROBOTS = 8
+ABOUT_THE_DEVICE = ("config", "check", "json", "robots")
+"""Options that do not change how a robot drives."""
+
+
+def _configured(context: typer.Context, path: Path | None) -> Path | None:
+    """Take what the command line and the environment leave open from the file."""
+    if path is not None:
+        try:
+            context.default_map = options_in(path)
+        except YamlFileError as error:
+            typer.echo(str(error), err=True)
+            raise typer.Exit(WRONG_USAGE) from None
+    return path
 
 
 def _name(value: str) -> str:
@@ -82,6 +102,11 @@ def checked_budget(value: float | None) -> float | None:
     if value is not None and not 0.0 <= value < math.inf:  # also refuses NaN
         raise typer.BadParameter(f"{value} found, a number of milliseconds that is not negative is expected")
     return value
+
+
+def seconds(value_ms: float | None) -> float | None:
+    """Milliseconds in s; None for none."""
+    return None if value_ms is None else value_ms / 1000.0
 
 
 def main(
@@ -149,12 +174,56 @@ def main(
             show_default="none, so that decisions do not depend on the clock",
         ),
     ] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="UNSPOKEN_CONFIG",
+            callback=_configured,
+            is_eager=True,
+            metavar="FILE",
+            help="YAML file with any of these options; the command line and the environment go before it.",
+            show_default="none",
+        ),
+    ] = None,
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="Say whether this device is ready, disturbing nobody, and end."),
+    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="With --check: tell it as JSON.")] = False,
+    robots: Annotated[
+        int,
+        typer.Option(
+            envvar="UNSPOKEN_ROBOTS",
+            min=1,
+            max=MAX_ROBOTS,
+            help="With --check: how many robots to reckon with where no world tells.",
+        ),
+    ] = ROBOTS,
 ) -> None:
     """Be one robot: wait for a world, drive to the goal, until stopped by SIGINT or SIGTERM.
 
-    Exit status: 0 stopped, 2 wrong usage, password or keys, 3 the world does not fit this robot or
-    cannot be reached at all, or there is no place for the compiled solver.
+    Exit status: 0 stopped, 2 wrong usage, file, password or keys, 3 the world does not fit this robot or
+    cannot be reached at all, or there is no place for the compiled solver. With --check: 0 ready, 1 not, 2
+    wrong usage or file.
     """
+    if check:
+        device = Device(
+            robot=robot,
+            goal=parse_goal(goal),
+            connect=connect,
+            password_file=password_file,
+            keys=keys,
+            run=run,
+            goals=goals,
+            solver=solver,
+            iterations=iterations,
+            budget_s=seconds(budget_ms),
+            robots=robots,
+            config=config,
+        )
+        raise typer.Exit(0 if check_device(device, as_json=json) else NOT_READY)
+    if json:
+        raise typer.BadParameter("--json says how --check tells what it has found; give both")
     run_robot(
         make_agent,
         robot=robot,
@@ -190,7 +259,6 @@ def run_robot(
         typer.Exit: the robot has failed; why was told.
     """
     end_with_parent()
-    budget_s = None if budget_ms is None else budget_ms / 1000.0
     try:
         now = datetime.now(UTC)
         identity = client_identity(robot, connect, password_file, keys, now)
@@ -198,7 +266,7 @@ def run_robot(
         typer.echo(f"robot {robot}: {error}", err=True)
         raise typer.Exit(WRONG_USAGE) from None
     options = RobotOptions(
-        robot, parse_goal(goal), connect, identity, run, goals, solver, iterations, budget_s
+        robot, parse_goal(goal), connect, identity, run, goals, solver, iterations, seconds(budget_ms)
     )
     if isinstance(identity, DeviceKeys) and (warning := identity.warning(now)):
         typer.echo(f"robot {robot}: {warning}", err=True)

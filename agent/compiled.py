@@ -72,14 +72,24 @@ def _module(path: Path) -> str:
     return ".".join((_PACKAGE.name, *path.relative_to(_PACKAGE).with_suffix("").parts))
 
 
+def _processor() -> tuple[str, ...]:
+    """As numba itself tells processors apart: kind of machine, name, features."""
+    told: tuple[str, ...] = cpu_target.target_context.codegen().magic_tuple()
+    return told
+
+
+def processor() -> str:
+    """The processor for which kernels are compiled, for people."""
+    return _processor()[1]
+
+
 def _state() -> str:
     """A name for the state of what compiled code depends on: sources, libraries and processor.
 
     numba alone would keep a kernel although a function or a constant in another file has changed.
     """
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources()))
-    processor = cpu_target.target_context.codegen().magic_tuple()  # as numba itself tells them apart
-    digest.update(repr((numba.__version__, sys.implementation.cache_tag, processor)).encode())
+    digest.update(repr((numba.__version__, sys.implementation.cache_tag, _processor())).encode())
     return f"kernels-{digest.hexdigest()[:16]}"
 
 

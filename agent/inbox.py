@@ -4,7 +4,7 @@ from queue import SimpleQueue
 
 from structlog.typing import FilteringBoundLogger
 
-from protocol.codec import MessageError, decode
+from protocol.codec import MessageError, OtherVersionError, decode
 from protocol.messages import Observation
 
 
@@ -23,6 +23,7 @@ class Inbox:
         self._payloads: SimpleQueue[bytes | None] = SimpleQueue()
         self._newest: Observation | None = None
         self._taken: Observation | None = None
+        self._foreign: OtherVersionError | None = None
         self._closed = False
 
     def store(self, payload: bytes) -> None:
@@ -34,12 +35,19 @@ class Inbox:
         self._closed = True
         self._payloads.put(None)
 
-    def next(self) -> Observation | None:
-        """Wait for an observation newer than the last one taken, and take the newest; None once closed."""
+    def next(self) -> Observation | OtherVersionError | None:
+        """Wait for an observation newer than the last one taken, and take the newest; None once closed.
+
+        What comes in another version of the protocol is told instead, where no newer observation is there.
+        """
         while not self._closed:
             if self.has_news():
+                self._foreign = None
                 self._taken = self._newest
                 return self._taken
+            if self._foreign is not None:
+                foreign, self._foreign = self._foreign, None
+                return foreign
             self._sort(self._payloads.get())
         return None
 
@@ -56,6 +64,8 @@ class Inbox:
             observation = decode(Observation, payload)
         except MessageError as error:
             self._log.warning("refused an observation", reason=str(error))
+            if isinstance(error, OtherVersionError):
+                self._foreign = error
             return
         newest = self._newest
         if newest is None or observation.epoch != newest.epoch or observation.step > newest.step:

@@ -14,14 +14,15 @@ from agent.compiled import forbid_compiling
 from agent.deadline import Deadline
 from agent.estimation import GoalsName
 from agent.inbox import Inbox
+from agent.joining import SceneError, ask_for_scene, refuse_strangers
 from agent.notices import LateDecisions
 from agent.solver import SolverName
 from agent.solver.problem import JointSolver
 from agent.warm import compile_in_background, warm_up
-from protocol.codec import decode, encode
+from protocol.codec import OtherVersionError, encode
 from protocol.identity import Identity
 from protocol.keys import Keys
-from protocol.messages import Command, Message, Observation, PublicScene
+from protocol.messages import Command, Message, Observation
 from protocol.passwords import Login
 from protocol.scene import Goal, Scene
 from protocol.session import client_session, open_in_background
@@ -92,10 +93,6 @@ class Decides(Protocol):
 MakeAgent = Callable[[RobotOptions, Scene], Decides]
 
 
-class SceneError(Exception):
-    """The world's scene does not fit this robot; the text says why and what to do."""
-
-
 class RobotProcess:
     """One robot on the bus, until it is stopped; worlds may come and go meanwhile.
 
@@ -127,7 +124,8 @@ class RobotProcess:
         An answer that comes too late, when a newer observation is there already, is not given.
 
         Raises:
-            SceneError: the world does not know this robot, or does not share what its estimator needs.
+            SceneError: the world speaks another version of the protocol, does not know this robot, or does
+                not share what its estimator needs.
             CompilingError: the solver is not compiled and cannot be.
             zenoh.ZError: Zenoh cannot use the endpoint.
         """
@@ -142,11 +140,14 @@ class RobotProcess:
             )
             # Presence comes last: it lets the world publish step 0.
             _presence = session.liveliness().declare_token(self._keys.alive(self._options.robot))
-            while (observation := self._inbox.next()) is not None:
-                if observation.epoch != epoch:
+            while (news := self._inbox.next()) is not None:
+                if isinstance(news, OtherVersionError):  # the world may be another one now
                     agent, epoch = self._join(session, agent, epoch)
-                if agent is not None and observation.epoch == epoch:
-                    self._answer(session, agent, observation)
+                    continue
+                if news.epoch != epoch:
+                    agent, epoch = self._join(session, agent, epoch)
+                if agent is not None and news.epoch == epoch:
+                    self._answer(session, agent, news)
         self._log.info("stopped", late_decisions=self._late.count)
 
     def _connect(self) -> zenoh.Session | None:
@@ -187,23 +188,19 @@ class RobotProcess:
         Where the world is still that of the present epoch, only a pose was wrong, and nothing begins anew.
         """
         while not self._stopped:
-            for reply in session.get(self._keys.scene, timeout=SCENE_TIMEOUT_S):
-                if reply.ok is not None:
-                    public = decode(PublicScene, reply.ok.payload.to_bytes())
-                    if public.epoch == epoch:
-                        return agent, epoch
-                    self._log.info("joined", epoch=public.epoch, robots=len(public.scene.robots))
-                    return self._agent(public.scene), public.epoch
-            time.sleep(SCENE_PAUSE_S)
+            public = ask_for_scene(session, self._keys, self._options.robot, SCENE_TIMEOUT_S)
+            if public is None:
+                time.sleep(SCENE_PAUSE_S)
+                continue
+            if public.epoch == epoch:
+                return agent, epoch
+            self._log.info("joined", epoch=public.epoch, robots=len(public.scene.robots))
+            return self._agent(public.scene), public.epoch
         return None, None
 
     def _agent(self, scene: Scene) -> Decides:
         options = self._options
-        if options.robot not in scene.robots:
-            raise SceneError(
-                f"this world has no robot {options.robot!r}; its robots are {', '.join(scene.robots)}. "
-                "Start this robot with one of these ids, or the world with another scenario."
-            )
+        refuse_strangers(options.robot, scene)
         try:
             return self._make_agent(options, scene)
         except ValueError as error:

@@ -5,20 +5,32 @@ from typing import Any, TypeVar
 import msgpack
 from pydantic import ValidationError
 
-from protocol.messages import Message
+from protocol.messages import Said
 
 MAX_ITEMS = 32 * 1024
 MAX_TEXT_BYTES = 64
 MAX_DEPTH = 8
 
-M = TypeVar("M", bound=Message)
+M = TypeVar("M", bound=Said)
 
 
 class MessageError(Exception):
     """A payload that is not a valid message; the text names the kind of message and what is wrong."""
 
 
-def encode(message: Message) -> bytes:
+class OtherVersionError(MessageError):
+    """A message of another version of the protocol.
+
+    Attributes:
+        version: that one.
+    """
+
+    def __init__(self, name: str, version: int, expected: int) -> None:
+        super().__init__(f"{name}: schema_version: {version!r:.80} found, {expected} expected")
+        self.version = version
+
+
+def encode(message: Said) -> bytes:
     """Pack a message.
 
     Raises:
@@ -33,8 +45,9 @@ def decode(kind: type[M], payload: bytes) -> M:
     """Unpack and validate a message of the expected kind.
 
     Raises:
-        MessageError: too large, too deep, not msgpack, another schema version, a missing, unknown or
-            wrongly typed field, NaN, an infinity or a value out of range.
+        OtherVersionError: another schema version.
+        MessageError: too large, too deep, not msgpack, a missing, unknown or wrongly typed field, NaN, an
+            infinity or a value out of range.
     """
     name = kind.__name__
     _check_size(kind, payload)
@@ -43,8 +56,10 @@ def decode(kind: type[M], payload: bytes) -> M:
         raise MessageError(f"{name}: a map is expected, found {type(content).__name__}")
     _check_depth(name, content)
     version = content.get("schema_version")
-    if type(version) is not int or version != kind.VERSION:
+    if type(version) is not int:
         raise MessageError(f"{name}: schema_version: {version!r:.80} found, {kind.VERSION} expected")
+    if version != kind.VERSION:
+        raise OtherVersionError(name, version, kind.VERSION)
     try:
         return kind.model_validate(content)
     except ValidationError as error:
@@ -53,7 +68,7 @@ def decode(kind: type[M], payload: bytes) -> M:
         raise MessageError(f"{name}: {where}: {first['msg']}, found {first['input']!r:.80}") from None
 
 
-def _check_size(kind: type[Message], payload: bytes) -> None:
+def _check_size(kind: type[Said], payload: bytes) -> None:
     if len(payload) > kind.MAX_BYTES:
         raise MessageError(f"{kind.__name__}: {len(payload)} bytes, at most {kind.MAX_BYTES} are allowed")
 

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator
 
-from protocol.keys import Name
+from protocol.keys import Id
 from protocol.scene import Metres, NonNegative, Settings, Weights
 
 MAX_FAULTS = 256
@@ -22,17 +22,11 @@ Time = Annotated[float, Field(ge=0, le=1e5)]
 Steps = Annotated[int, Field(ge=1, le=MAX_LATE_STEPS)]
 
 
-def _as_text(value: object) -> object:
-    """The id 1 for '1', as scenarios write it."""
-    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
-
-
 def as_tuple(value: object) -> object:
     """A list, as YAML has it, for a field that is a tuple."""
     return tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else value
 
 
-Id = Annotated[Name, BeforeValidator(_as_text)]
 Ids = Annotated[tuple[Id, ...], BeforeValidator(as_tuple), Field(min_length=1, max_length=128)]
 Interval = Annotated[tuple[Time, Time], BeforeValidator(as_tuple)]
 

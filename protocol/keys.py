@@ -3,10 +3,18 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from pydantic import StringConstraints, TypeAdapter, ValidationError
+from pydantic import BeforeValidator, StringConstraints, TypeAdapter, ValidationError
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$")]
 """A robot's id or a run's name: it becomes one chunk of a key, so it holds no separator and no wildcard."""
+
+
+def _as_text(value: object) -> object:
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+Id = Annotated[Name, BeforeValidator(_as_text)]
+"""A robot's id in a file written by hand, where 1 stands for '1'."""
 
 NAME_RULE = "1 to 32 letters, digits, '-' or '_' are expected, a letter or a digit first"
 """What a name looks like, for people."""
@@ -63,8 +71,17 @@ class Keys:
 
     @property
     def scene(self) -> str:
-        """What everybody may know: a queryable of the world."""
+        """What everybody may know: a queryable of the world, for the bench."""
         return f"unspoken/{self.run}/scene"
+
+    def scene_for(self, robot: str) -> str:
+        """The same for this robot, which says in its question what version of the protocol it speaks."""
+        return self._of("scene", robot)
+
+    @property
+    def everyones_scene(self) -> str:
+        """The world's answer to whoever asks under a name that no robot of its scenario has."""
+        return f"unspoken/{self.run}/scene/*"
 
     @property
     def truth(self) -> str:
@@ -82,7 +99,7 @@ class Keys:
         return f"unspoken/{self.run}/**"
 
     def robot_of(self, key: str) -> str:
-        """The robot named by a pose, command, alive or mind key."""
+        """The robot named by a pose, command, alive or mind key, or by its own scene key."""
         return key.rpartition("/")[2]
 
     def kind_of(self, key: str) -> str:

@@ -16,6 +16,7 @@ from protocol.arrival import wrap_angle
 from protocol.keys import Name
 from protocol.scene import MAX_ROBOTS, Scene
 from protocol.vehicle import Input
+from protocol.version import PROTOCOL_VERSION
 
 MAX_HORIZON = 200
 MAX_PAYLOAD_BYTES = 256 * 1024
@@ -30,13 +31,24 @@ class _Strict(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
-class Message(_Strict):
-    """One message. Every kind states its version, so that a reader refuses what it does not know."""
+class Said(_Strict):
+    """Whatever is said on the bus. It states its version, so that a reader refuses what it does not know."""
 
-    VERSION: ClassVar[int] = 1
+    VERSION: ClassVar[int] = PROTOCOL_VERSION
     MAX_BYTES: ClassVar[int] = MAX_PAYLOAD_BYTES
     """Of a payload."""
-    schema_version: Literal[1] = 1
+    schema_version: Annotated[int, Field(ge=PROTOCOL_VERSION, le=PROTOCOL_VERSION)] = PROTOCOL_VERSION
+
+
+class Joining(Said):
+    """Question on ``scene/<robot>``: a robot wants to know the scene, and says which version it speaks."""
+
+    MAX_BYTES: ClassVar[int] = 1024
+
+
+class Message(Said):
+    """Whatever belongs to one run of a world."""
+
     epoch: Epoch
     """Drawn anew by every world: messages of another epoch belong to another run of the world."""
 
@@ -121,7 +133,7 @@ class Command(Message):
 
 
 class PublicScene(Message):
-    """Reply of ``scene``: what everybody may know."""
+    """Reply of ``scene`` and ``scene/<robot>``: what everybody may know."""
 
     scene: Scene
 

@@ -24,6 +24,7 @@ _EXPECTED = {
     "float_type": "a number",
     "finite_number": "a finite number",
     "int_type": "a whole number",
+    "literal_error": "{expected}",
     "greater_than": "a number greater than {gt:g}",
     "greater_than_equal": "a number not less than {ge:g}",
     "less_than_equal": "a number not greater than {le:g}",

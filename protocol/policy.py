@@ -37,7 +37,7 @@ def rights_of(keys: Keys, robots: Iterable[str]) -> dict[str, Rights]:
             reads=(keys.pose(robot),),
             says=(keys.command(robot), keys.mind(robot)),
             readers=(keys.command(robot), keys.everything),  # those of the world and of the bench
-            asks=(keys.scene,),
+            asks=(keys.scene_for(robot),),
             stands=(keys.alive(robot),),
         )
         for robot in robots

@@ -10,7 +10,8 @@ from typing import Annotated, Self
 from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from protocol.faults import MAX_FAULTS, Faults, Id, Interval, as_tuple, unknown_robot
+from protocol.faults import MAX_FAULTS, Faults, Interval, as_tuple, unknown_robot
+from protocol.keys import Id
 from protocol.scene import MAX_ROBOTS, Goal, Metres, NonNegative, PublicRobot, Rules, Scene, Settings
 
 MAX_DELAY_STEPS = 10

@@ -5,20 +5,18 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from protocol.faults import MAX_FAULTS, FaultFile, unknown_robot
-from protocol.mistakes import expected_map, location_of, tell, told_at
+from protocol.mistakes import location_of, told_at
 from protocol.scenario import Scenario
-from protocol.yaml_tree import Item, YamlProblems, read_tree
-
-MAX_FILE_BYTES = 1024 * 1024
+from protocol.yaml_file import YamlFileError, read_as, read_text, tree_of, validated
 
 M = TypeVar("M", bound=BaseModel)
 
 
-class ScenarioError(Exception):
-    """A scenario that cannot be used; the text says where, what was found and what was expected."""
+ScenarioError = YamlFileError
+"""A scenario, or what goes with it, that cannot be used."""
 
 
 def load_scenario(path: Path) -> Scenario:
@@ -28,7 +26,7 @@ def load_scenario(path: Path) -> Scenario:
         ScenarioError: the file cannot be read, is no single YAML map, or is not a valid scenario. One line
             a problem, with file, line and field.
     """
-    return parse_scenario(_read_text(path), path)
+    return parse_scenario(read_text(path), path)
 
 
 def parse_scenario(text: str, path: Path) -> Scenario:
@@ -41,7 +39,7 @@ def parse_scenario(text: str, path: Path) -> Scenario:
     Raises:
         ScenarioError: as of ``load_scenario``.
     """
-    return _validated(Scenario, _tree(text, path, Scenario, "scenario"), path)
+    return validated(Scenario, tree_of(text, path, Scenario, "scenario"), path)
 
 
 def load_as(path: Path, model: type[M], what: str) -> M:
@@ -55,7 +53,7 @@ def load_as(path: Path, model: type[M], what: str) -> M:
     Raises:
         ScenarioError: as of ``load_scenario``.
     """
-    return _validated(model, _tree(_read_text(path), path, model, what), path)
+    return read_as(path, model, what)
 
 
 def with_faults(scenario: Scenario, path: Path) -> Scenario:
@@ -65,8 +63,8 @@ def with_faults(scenario: Scenario, path: Path) -> Scenario:
         ScenarioError: as of ``load_scenario``; or the file names robots that the scenario lacks, or there are
             too many faults together.
     """
-    tree = _tree(_read_text(path), path, FaultFile, "file of faults")
-    faults = _validated(FaultFile, tree, path).faults
+    tree = tree_of(read_text(path), path, FaultFile, "file of faults")
+    faults = validated(FaultFile, tree, path).faults
     if found := unknown_robot(faults, [robot.id for robot in scenario.robots]):
         where, what = found
         raise ScenarioError(told_at(path, tree, location_of(where), what))
@@ -116,40 +114,3 @@ def _written(value: Any) -> Any:
         case float() if value.is_integer() and str(value) != "-0.0":  # there is no whole number −0
             return int(value)
     return value
-
-
-def _read_text(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            content = file.read(MAX_FILE_BYTES + 1)
-    except OSError as error:
-        raise ScenarioError(f"{path}: the file cannot be read: {error.strerror}") from None
-    if len(content) > MAX_FILE_BYTES:
-        raise ScenarioError(f"{path}: the file is larger than {MAX_FILE_BYTES} bytes: this is no scenario")
-    try:
-        return content.decode("utf-8")
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        raise ScenarioError(
-            f"{path}:{line}: UTF-8 text is expected, found the byte 0x{content[error.start]:02x}"
-        ) from None
-
-
-def _tree(text: str, path: Path, model: type[BaseModel], what: str) -> Item:
-    """The content of a file."""
-    try:
-        tree = read_tree(text)
-    except YamlProblems as error:
-        raise ScenarioError("\n".join(f"{path}:{line}: {problem}" for line, problem in error.found)) from None
-    except RecursionError:
-        raise ScenarioError(f"{path}: nested too deep; a {what} has five levels at most") from None
-    if tree is None:
-        raise ScenarioError(f"{path}: the file is empty; a {what} needs {expected_map(model)}")
-    return tree
-
-
-def _validated(model: type[M], tree: Item, path: Path) -> M:
-    try:
-        return model.model_validate(tree.value)
-    except ValidationError as error:
-        raise ScenarioError(tell(path, tree, model, error.errors(include_url=False))) from None

@@ -223,6 +223,21 @@ def client_session(connect: str, identity: Identity = None) -> SessionSettings:
     return SessionSettings(mode="client", connect=Connect(endpoints=(connect,)), transport=transport)
 
 
+def brief_session(connect: str, identity: Identity, patience_s: float) -> SessionSettings:
+    """A client that gives up on a world that does not let it in, instead of waiting for it.
+
+    Args:
+        connect: endpoint of the world.
+        identity: what proves who this is.
+        patience_s: after which it gives up.
+    """
+    waiting = client_session(connect, identity)
+    brief = waiting.connect.model_copy(
+        update={"timeout_ms": round(1000.0 * patience_s), "exit_on_failure": True}
+    )
+    return waiting.model_copy(update={"connect": brief})
+
+
 def receive_on_threads(count: int) -> None:
     """Let this process receive from so many connections at once; to be called before the first session.
 

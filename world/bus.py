@@ -35,6 +35,17 @@ class Bus:
             with query:
                 query.reply(keys.scene, payload)
 
+        def answer_robot(robot: str, query: zenoh.Query) -> None:
+            with query:
+                inbox.store_question(robot, query.payload.to_bytes() if query.payload else b"")
+                query.reply(keys.scene_for(robot), payload)
+
+        def answer_stranger(query: zenoh.Query) -> None:
+            with query:
+                asked = str(query.key_expr)
+                if keys.robot_of(asked) not in robots:
+                    query.reply(asked, payload)
+
         def store_command(robot: str, sample: zenoh.Sample) -> None:
             inbox.store_command(robot, sample.payload.to_bytes())
 
@@ -60,6 +71,11 @@ class Bus:
         # Presence comes last: a robot that is seen as present can be sure that all else is there.
         self._declared = (
             session.declare_queryable(keys.scene, answer),
+            *(
+                session.declare_queryable(keys.scene_for(robot), partial(answer_robot, robot))
+                for robot in robots
+            ),
+            session.declare_queryable(keys.everyones_scene, answer_stranger),
             # One for each robot, so that each waits for itself when it has said too much.
             *(
                 session.declare_subscriber(keys.command(robot), partial(store_command, robot))

@@ -19,6 +19,8 @@ class Arrivals(NamedTuple):
     """Whose token has gone since the last time, even if it is back."""
     exhausted: frozenset[str]
     """Who has given all the commands that it may give at this step."""
+    questions: tuple[tuple[str, bytes], ...]
+    """By robot, with what it said last when it asked for the scene."""
     interrupted: bool
     """Whether the run was asked to end; stays true."""
 
@@ -43,6 +45,7 @@ class Inbox:
         self._given = dict.fromkeys(robots, 0)
         self._present: set[str] = set()
         self._gone: set[str] = set()
+        self._questions: dict[str, bytes] = {}
         self._interrupted = False
         self._closed = False
 
@@ -63,6 +66,12 @@ class Inbox:
             else:
                 self._present.discard(robot)
                 self._gone.add(robot)
+            self._wake()
+
+    def store_question(self, robot: str, payload: bytes) -> None:
+        """One of the robots has asked for the scene."""
+        with self._changed:
+            self._questions[robot] = payload
             self._wake()
 
     def interrupt(self) -> None:
@@ -97,9 +106,11 @@ class Inbox:
                 frozenset(self._present),
                 frozenset(self._gone),
                 frozenset(robot for robot, given in self._given.items() if given >= COMMANDS_A_STEP),
+                tuple(self._questions.items()),
                 self._interrupted,
             )
             self._commands.clear()
+            self._questions.clear()
             self._gone.clear()
             self._news = False
         return arrivals

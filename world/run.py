@@ -12,6 +12,7 @@ from world.clock import Clock
 from world.inbox import Arrivals, Inbox
 from world.judge import Judge
 from world.notices import Misses
+from world.versions import Versions
 from world.world import World
 
 RETURN_S = 5.0
@@ -57,6 +58,7 @@ class Run:
         self._log = log
         self._judge = Judge(world, log)
         self._misses = Misses(log)
+        self._versions = Versions(log)
         self._present: frozenset[str] = frozenset()
         self._interrupted = False
         self._readers: tuple[str, ...] = ()
@@ -78,8 +80,9 @@ class Run:
         awaited = (*self._world.robots, *readers)
         until_s = time.monotonic() + timeout_s
         told = None
-        arrivals = self._inbox.take(0.0)
-        while not arrivals.interrupted and (missing := _missing(awaited, arrivals)):
+        arrivals = self._take(0.0)
+        while not arrivals.interrupted and (absent := _absent(awaited, arrivals)):
+            missing = ", ".join(absent)
             strangers = ", ".join(sorted(arrivals.present.difference(awaited, (BENCH_NAME,)))) or None
             if told != (missing, strangers):
                 self._log.info("waiting for robots", missing=missing, not_in_scenario=strangers)
@@ -88,10 +91,10 @@ class Run:
             if remaining_s <= 0.0:
                 raise RobotsMissingError(
                     f"not all robots came within {timeout_s:g} s; missing: {missing}. Step 0 was not "
-                    "published. Start the missing robots with the same run name and the endpoint of this "
-                    "world, or allow more time with --start-timeout."
+                    f"published.{self._versions.account(absent)} Start the missing robots with the same run "
+                    "name and the endpoint of this world, or allow more time with --start-timeout."
                 )
-            arrivals = self._inbox.take(remaining_s)
+            arrivals = self._take(remaining_s)
         self._present = arrivals.present
         self._interrupted = arrivals.interrupted
         if not self._interrupted:
@@ -172,13 +175,19 @@ class Run:
             self._receive(remaining_s)
 
     def _receive(self, timeout_s: float) -> None:
-        arrivals = self._inbox.take(timeout_s)
+        arrivals = self._take(timeout_s)
         self._interrupted = arrivals.interrupted
         self._awaited -= arrivals.gone
         self._exhausted = arrivals.exhausted
         self._tell_presence(arrivals)
         for robot, payload in arrivals.commands:
             self._judge.judge(robot, payload)
+
+    def _take(self, timeout_s: float) -> Arrivals:
+        """What has come; who has asked for the scene in another version of the protocol is told at once."""
+        arrivals = self._inbox.take(timeout_s)
+        self._versions.hear(arrivals.questions)
+        return arrivals
 
     def _tell_presence(self, arrivals: Arrivals) -> None:
         for robot in self._world.robots:
@@ -189,5 +198,5 @@ class Run:
         self._present = arrivals.present
 
 
-def _missing(awaited: tuple[str, ...], arrivals: Arrivals) -> str:
-    return ", ".join(name for name in awaited if name not in arrivals.present)
+def _absent(awaited: tuple[str, ...], arrivals: Arrivals) -> list[str]:
+    return [name for name in awaited if name not in arrivals.present]

@@ -11,7 +11,7 @@ from agent.inbox import Inbox
 from protocol.codec import encode
 from protocol.identity import client_identity
 from protocol.keys import Keys
-from protocol.messages import Command
+from protocol.messages import Command, Observation
 from protocol.session import client_session
 from protocol.signals import end_with_parent, on_wish_to_end
 
@@ -29,7 +29,7 @@ def main() -> None:
             keys.pose(robot), lambda sample: inbox.store(sample.payload.to_bytes())
         )
         _presence = session.liveliness().declare_token(keys.alive(robot))
-        while (observation := inbox.next()) is not None:
+        while isinstance(observation := inbox.next(), Observation):
             command = Command(
                 epoch=observation.epoch,
                 robot=robot,

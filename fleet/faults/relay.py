@@ -19,7 +19,7 @@ from fleet.faults.told import faults_told
 from protocol.codec import MessageError, decode, encode
 from protocol.identity import Identity, client_identity
 from protocol.keys import Keys
-from protocol.messages import Command, Observation, PublicScene
+from protocol.messages import Command, Joining, Observation, PublicScene
 from protocol.policy import access_control, rights_of
 from protocol.session import SessionSettings, client_session, open_in_background, world_session
 from protocol.signals import end_with_parent, on_wish_to_end
@@ -86,6 +86,7 @@ class Relay:
         self._keys = Keys(options.run)
         self._log = structlog.get_logger("relay").bind(robot=options.robot)
         self._events: SimpleQueue[_Event] = SimpleQueue()
+        self._question = encode(Joining())
         self._scene_payload = b""
         self._epoch: int | None = None
         self._token: zenoh.LivelinessToken | None = None
@@ -126,7 +127,7 @@ class Relay:
             self._world.declare_subscriber(
                 keys.pose(robot), lambda sample: put(_Pose(sample.payload.to_bytes()))
             ),
-            self._to_robot.declare_queryable(keys.scene, put),
+            self._to_robot.declare_queryable(keys.scene_for(robot), put),
             # One for all that the robot says, which keeps its order.
             self._to_robot.declare_subscriber(
                 keys.everything, store_said, allowed_origin=zenoh.Locality.REMOTE
@@ -177,11 +178,14 @@ class Relay:
     def _answer(self, query: zenoh.Query) -> None:
         """Tell the robot the scene of the present world, if there is one."""
         with query:
+            self._question = query.payload.to_bytes() if query.payload else b""
             if self._ask_for_scene():
-                query.reply(self._keys.scene, self._scene_payload)
+                query.reply(self._keys.scene_for(self._options.robot), self._scene_payload)
 
     def _ask_for_scene(self) -> bool:
-        for reply in self._world.get(self._keys.scene, timeout=SCENE_TIMEOUT_S):
+        """As the robot has asked."""
+        key = self._keys.scene_for(self._options.robot)
+        for reply in self._world.get(key, payload=self._question, timeout=SCENE_TIMEOUT_S):
             if reply.ok is not None:
                 self._scene_payload = reply.ok.payload.to_bytes()
                 self._begin(decode(PublicScene, self._scene_payload))

@@ -77,7 +77,8 @@ def step_clock(offset_s: float) -> None:
 @functools.wraps(agent.__main__.main)
 def main(**told: Any) -> None:
     """Be one robot; see :func:`agent.__main__.main`."""
-    agent.__main__.run_robot(make_faulty, **told)
+    driving = {name: value for name, value in told.items() if name not in agent.__main__.ABOUT_THE_DEVICE}
+    agent.__main__.run_robot(make_faulty, **driving)
 
 
 if __name__ == "__main__":

@@ -68,7 +68,7 @@ class VirtualRobot:
         if not self._inbox.has_news():
             return None
         newest = self._inbox.next()
-        if newest is None or newest.epoch != self._epoch:
+        if not isinstance(newest, Observation) or newest.epoch != self._epoch:
             return None  # a process asks the world for its epoch, and stays in the one that it has joined
         return self._mind.decide(newest)
 

@@ -2,13 +2,14 @@
 
 import threading
 
+import msgpack
 import pytest
 import structlog
 from agent_helpers import seen
 from structlog.testing import capture_logs
 
 from agent.inbox import Inbox
-from protocol.codec import encode
+from protocol.codec import OtherVersionError, encode
 from protocol.messages import Observation
 
 PATIENCE_S = 60.0
@@ -63,6 +64,26 @@ def test_what_is_no_pose_is_refused_and_hides_none(inbox):
         inbox.store(b"")
         assert inbox.next() == pose(2)
     assert [entry["event"] for entry in log] == ["refused an observation"] * 2
+
+
+def of_another_version(step: int) -> bytes:
+    return msgpack.packb(pose(step).model_dump(mode="python") | {"schema_version": 9})
+
+
+def test_a_pose_of_another_version_is_told_once_where_there_is_no_newer_pose(inbox):
+    inbox.store(of_another_version(0))
+    told = inbox.next()
+    assert isinstance(told, OtherVersionError)
+    assert told.version == 9
+    inbox.store(encode(pose(1)))
+    inbox.store(of_another_version(2))
+    assert inbox.next() == pose(1)
+    inbox.store(of_another_version(3))
+    inbox.store(encode(pose(4)))
+    assert inbox.next() == pose(4)
+    assert not inbox.has_news()
+    inbox.close()
+    assert inbox.next() is None
 
 
 def test_whoever_waits_is_woken_by_a_pose_and_by_the_end(inbox):

@@ -72,7 +72,7 @@ class World:
 
         def answer(query):
             with query:
-                query.reply(KEYS.scene, encode(PublicScene(epoch=EPOCH, scene=scene_of("a"))))
+                query.reply(KEYS.scene_for("a"), encode(PublicScene(epoch=EPOCH, scene=scene_of("a"))))
 
         def keep(sample):
             kind = {"mind": Mind, "command": Command}.get(KEYS.kind_of(str(sample.key_expr)))
@@ -82,7 +82,7 @@ class World:
         monkeypatch.setattr("agent.process.Inbox", Watched)
         self._poses = session.declare_publisher(KEYS.pose("a"))
         self._declared = (
-            session.declare_queryable(KEYS.scene, answer),
+            session.declare_queryable(KEYS.scene_for("a"), answer),
             session.declare_subscriber(KEYS.everything, keep),  # one for all, which keeps their order
             session.liveliness().declare_subscriber(KEYS.alive("a"), lambda _: self.present.set()),
         )

@@ -77,7 +77,7 @@ def main(endpoint: str, name: str, password_file: str, key: str, count: str, kin
                 publisher.put(payload)
             # The answer comes when all before it has been taken; closing at once would cut some off.
             keys = Keys(key.split("/")[1])
-            assert [reply for reply in session.get(keys.scene, timeout=ANSWER_S) if reply.ok is not None]
+            assert [reply for reply in session.get(keys.scene_for(name), timeout=ANSWER_S) if reply.ok]
         while kind == "flood":
             publisher.put(b"flood")
 

@@ -39,9 +39,10 @@ class Colluders:
             ):
                 session.declare_subscriber(interest, self._keep)
             session.liveliness().declare_subscriber("**", self._keep, history=True)
-            session.declare_queryable(keys.scene, self._answer)
+            for key in (keys.scene, keys.scene_for("1"), keys.scene_for("2")):
+                session.declare_queryable(key, self._answer)
         self._foreign = (keys.pose("2"), keys.pose("3"), keys.command("3"), keys.truth, "unspoken/secret")
-        self._scene = keys.scene
+        self._scene = keys.scene_for("2")
         self._talks = threading.Thread(target=self._talk)
         self._talks.start()
 

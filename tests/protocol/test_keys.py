@@ -12,6 +12,7 @@ ALL_KEYS = {
     "alive": KEYS.alive("a"),
     "mind": KEYS.mind("a"),
     "scene": KEYS.scene,
+    "scene for a": KEYS.scene_for("a"),
     "truth": KEYS.truth,
 }
 WRONG_NAMES = [
@@ -41,6 +42,7 @@ def test_the_keys_are_these() -> None:
         "alive": "unspoken/run-1/alive/a",
         "mind": "unspoken/run-1/mind/a",
         "scene": "unspoken/run-1/scene",
+        "scene for a": "unspoken/run-1/scene/a",
         "truth": "unspoken/run-1/truth",
     }
     assert KEYS.everyone_alive == "unspoken/run-1/alive/*"
@@ -49,10 +51,10 @@ def test_the_keys_are_these() -> None:
 
 @pytest.mark.parametrize("kind", ALL_KEYS)
 def test_a_key_tells_its_kind(kind: str) -> None:
-    assert KEYS.kind_of(ALL_KEYS[kind]) == kind
+    assert KEYS.kind_of(ALL_KEYS[kind]) == kind.removesuffix(" for a")
 
 
-@pytest.mark.parametrize("kind", ["pose", "command", "alive", "mind"])
+@pytest.mark.parametrize("kind", ["pose", "command", "alive", "mind", "scene_for"])
 @pytest.mark.parametrize("robot", ["a", "7", "Robot_2-b", "x" * 32])
 def test_a_robots_key_tells_the_robot(kind: str, robot: str) -> None:
     assert KEYS.robot_of(getattr(KEYS, kind)(robot)) == robot
@@ -91,6 +93,6 @@ def test_the_recorder_is_reached_by_everything_of_its_run() -> None:
 
 @pytest.mark.parametrize("wrong", WRONG_NAMES)
 def test_a_name_that_is_no_single_chunk_of_a_key_is_refused(wrong: str) -> None:
-    for build in (Keys, KEYS.pose, KEYS.command, KEYS.alive, KEYS.mind):
+    for build in (Keys, KEYS.pose, KEYS.command, KEYS.alive, KEYS.mind, KEYS.scene_for):
         with pytest.raises(ValueError, match="should match pattern"):
             build(wrong)

@@ -27,6 +27,8 @@ def test_no_robot_can_read_be_told_of_or_ask_for_what_another_can_do(robots: lis
     for one, other in permutations(robots, 2):
         done = rights[one].says + rights[one].stands
         assert not overlap(done, rights[other].reads + rights[other].asks)
+        # None asks under another's name, so that what a robot says when it joins is its own word.
+        assert not overlap(rights[one].asks, rights[other].asks)
         # Whether somebody listens is told of the world's and the bench's subscriptions only.
         assert not set(rights[one].reads) & set(rights[other].readers)
 
@@ -40,7 +42,7 @@ def test_a_robot_has_its_own_keys_and_the_scene_and_the_bench_says_nothing(robot
             reads=(KEYS.pose(robot),),
             says=(KEYS.command(robot), KEYS.mind(robot)),
             readers=(KEYS.command(robot), KEYS.everything),
-            asks=(KEYS.scene,),
+            asks=(KEYS.scene_for(robot),),
             stands=(KEYS.alive(robot),),
         )
     bench = rights[BENCH_NAME]
@@ -70,9 +72,9 @@ def test_zenoh_reads_each_right_as_these_messages_in_these_directions() -> None:
         ("a", "put", "egress", (KEYS.pose("a"),)),
         ("a", "put", "ingress", (KEYS.command("a"), KEYS.mind("a"))),
         ("a", "declare_subscriber", "egress", (KEYS.command("a"), KEYS.everything)),
-        ("a", "query", "ingress", (KEYS.scene,)),
-        ("a", "reply", "egress", (KEYS.scene,)),
-        ("a", "declare_queryable", "egress", (KEYS.scene,)),
+        ("a", "query", "ingress", (KEYS.scene_for("a"),)),
+        ("a", "reply", "egress", (KEYS.scene_for("a"),)),
+        ("a", "declare_queryable", "egress", (KEYS.scene_for("a"),)),
         ("a", "liveliness_token", "ingress", (KEYS.alive("a"),)),
     }
     assert {each for each in granted("usernames") if each[0] == BENCH_NAME} == {

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from protocol.scenario import Scenario
-from protocol.scenario_file import MAX_FILE_BYTES, ScenarioError, load_scenario
+from protocol.scenario_file import ScenarioError, load_scenario
+from protocol.yaml_file import MAX_FILE_BYTES
 
 GOOD = """\
 name: crossing
@@ -217,7 +218,7 @@ WRONG_FILES = [
     ),
     (
         b"#" * (MAX_FILE_BYTES + 1),
-        "crossing.yaml: the file is larger than 1048576 bytes: this is no scenario",
+        "crossing.yaml: the file is larger than 1048576 bytes, which is too much",
     ),
     (b"[" * 100_000, "crossing.yaml: nested too deep; a scenario has five levels at most"),
     (b"- " * 100_000, "crossing.yaml: nested too deep; a scenario has five levels at most"),

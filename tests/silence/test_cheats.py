@@ -20,6 +20,8 @@ FOREIGN = (
     KEYS.mind("3"),
     KEYS.truth,
     KEYS.scene,
+    KEYS.scene_for("1"),
+    KEYS.scene_for("2"),
     KEYS.alive("1"),
     "unspoken/run/secret",
     "unspoken/other/pose/2",
@@ -141,10 +143,11 @@ def standing_for_another(stage: Stage, evidence: Evidence) -> None:
 def answering_for_the_world(stage: Stage, evidence: Evidence) -> None:
     """Robot 1 answers questions about the scene, with a message for its accomplice."""
     session = stage.connect("1")
-    for key in (KEYS.scene, "**"):
-        session.declare_queryable(key, answer(KEYS.scene, KEYS.scene))
+    asked = KEYS.scene_for("2")
+    for key in (asked, KEYS.scene, "unspoken/run/scene/*", "**"):
+        session.declare_queryable(key, answer(asked, asked))
     stage.passes(2)
-    ask(stage, KEYS.scene, evidence)
+    ask(stage, asked, evidence)
 
 
 def answering_questions(stage: Stage, evidence: Evidence) -> None:
@@ -171,11 +174,13 @@ def asking_with_a_message(stage: Stage, evidence: Evidence) -> None:
                 evidence.add(query)
 
     session = stage.connect("1")
-    for key in ("**", KEYS.scene):
+    for key in ("**", KEYS.scene, KEYS.scene_for("2")):
         session.declare_queryable(key, take)
     stage.passes(2)
-    for _ in stage.connect("2").get(KEYS.scene, payload=MARK, target=zenoh.QueryTarget.ALL, timeout=1.0):
-        pass
+    accomplice = stage.connect("2")
+    for key in (KEYS.scene_for("2"), KEYS.scene, KEYS.scene_for("1")):
+        for _ in accomplice.get(key, payload=MARK, target=zenoh.QueryTarget.ALL, timeout=1.0):
+            pass
 
 
 def ask(stage: Stage, key: str, evidence: Evidence) -> None:

@@ -96,4 +96,12 @@ def test_an_interrupted_inbox_never_waits_again():
 
 def test_without_news_the_hands_stay_empty():
     arrivals = Inbox(["1"]).take(0.01)
-    assert arrivals == ((), frozenset(), frozenset(), frozenset(), False)
+    assert arrivals == ((), frozenset(), frozenset(), frozenset(), (), False)
+
+
+def test_of_each_robots_questions_the_last_one_stays():
+    inbox = Inbox(["1", "2"])
+    for robot, payload in (("1", b"a"), ("2", b"b"), ("1", b"c")):
+        inbox.store_question(robot, payload)
+    assert dict(inbox.take(0.0).questions) == {"1": b"c", "2": b"b"}
+    assert inbox.take(0.0).questions == ()

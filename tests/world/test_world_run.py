@@ -1,15 +1,18 @@
 """What a run does while robots answer, are late, are lost, come back, or say what is not taken."""
 
+import msgpack
 import pytest
 import structlog
 from structlog.testing import capture_logs
 from world_helpers import EPOCH, SPRINT_STEPS, lanes, sprint
 from world_stage import ScriptedBus, ScriptedInbox, Stage
 
+from protocol.version import PROTOCOL_VERSION
 from world.clock import LockStep
 from world.inbox import COMMANDS_A_STEP
 from world.notices import MISSES_EVERY_S, Misses
 from world.run import RobotsMissingError, Run
+from world.versions import MOST_TOLD, Versions
 from world.world import World
 
 
@@ -281,6 +284,50 @@ def test_the_barrier_tells_a_change_only():
 def test_the_barrier_names_who_is_missing_when_time_is_over():
     with pytest.raises(RobotsMissingError, match=r"missing: 1, 3\. Step 0 was not published"):
         barrier(present=("2", "9"))
+
+
+def asks(robot, version=PROTOCOL_VERSION):
+    question = msgpack.packb({"schema_version": version})
+    return lambda inbox: lambda: inbox.store_question(robot, question)
+
+
+NEWER = "robot 1 speaks version 9 of the protocol, the world version 1; update the software of the world"
+OLDER = "robot 3 speaks version 0 of the protocol, the world version 1; update the software of robot 3"
+
+
+def test_a_missing_robot_that_speaks_another_version_is_told_of_with_both_versions():
+    script = (asks("1", 9), asks("3", 0), asks("2"), comes("2"))
+    with pytest.raises(RobotsMissingError) as missing:
+        barrier(script=script, timeout_s=0.05)
+    assert f"missing: 1, 3. Step 0 was not published. R{NEWER[1:]}. R{OLDER[1:]}. Start" in str(missing.value)
+
+
+def test_a_robot_that_speaks_another_version_is_logged_once_also_during_the_run():
+    stage = Stage()
+    for step in range(3):
+        stage.bus.at_step[step] = asks("1", 9)(stage.inbox)
+    with capture_logs() as log:
+        assert stage.drive().verdict == "arrived"
+    assert [entry["event"] for entry in log if entry.get("robot") == "1"] == [NEWER]
+
+
+def test_a_robot_that_comes_back_in_the_right_version_is_no_longer_told_of():
+    with pytest.raises(RobotsMissingError) as missing:
+        barrier(script=(asks("1", 9), asks("1")), timeout_s=0.05)
+    assert "version" not in str(missing.value)
+
+
+def test_a_robot_that_does_not_say_its_version_is_told_of():
+    script = [lambda inbox: lambda: inbox.store_question("1", b"")]
+    with pytest.raises(RobotsMissingError, match="Robot 1 does not say which version"):
+        barrier(script=script, timeout_s=0.05)
+
+
+def test_questions_in_ever_other_versions_do_not_fill_the_log():
+    versions = Versions(structlog.get_logger())
+    with capture_logs() as log:
+        versions.hear(("1", msgpack.packb({"schema_version": 2 + one})) for one in range(2 * MOST_TOLD))
+    assert len(log) == MOST_TOLD
 
 
 def test_an_interruption_at_the_barrier_ends_the_run_at_step_0():

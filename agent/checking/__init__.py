@@ -1,0 +1,1 @@
+"""``unspoken agent --check``: whether this device is ready to be a robot, without disturbing a world."""

@@ -1,0 +1,116 @@
+"""How long this device takes to decide, against the time that it has."""
+
+import statistics
+import time
+from typing import NamedTuple
+
+from agent.checking.crossing import Crossing, scene_of
+from agent.checking.device import Device
+from agent.checking.findings import Finding
+from agent.process import make_agent
+from agent.warm import warm_up
+from protocol.codec import decode, encode
+from protocol.messages import Observation
+from protocol.scene import Scene
+
+ITEM = "decision time"
+DECISIONS = 60
+FEWEST = 10
+"""So many are measured even on a very slow device."""
+LONGEST_S = 20.0
+"""After this time no further decision is measured."""
+HELD_UP = 0.2
+"""From this part of the time on, others that run here are worth a word."""
+TIGHT = 0.6
+"""From this part of Δt on little is left for the way to the world and back, and for whatever else runs."""
+
+
+class Taken(NamedTuple):
+    """Time that decisions have taken."""
+
+    durations_s: list[float]
+    """Of each, on the clock."""
+    computed_s: float
+    """By this process on a processor, all together."""
+
+    @property
+    def held_up(self) -> float:
+        """The part of the time in which this process had no processor."""
+        return max(0.0, 1.0 - self.computed_s / sum(self.durations_s))
+
+
+def check_speed(device: Device, scene: Scene | None) -> Finding:
+    """Decide in a crossing in memory.
+
+    Args:
+        device: its options.
+        scene: of the world that was reached; None for one as the defaults have it.
+    """
+    crossed = scene or scene_of(device.robot, device.robots)
+    taken = measure(device, crossed)
+    count = len(crossed.robots)
+    robots = f"{count} robot{'' if count == 1 else 's'} {'as in the world' if scene else 'expected'}"
+    return judged(taken, crossed.step_s, robots, device.budget_s)
+
+
+def measure(device: Device, scene: Scene) -> Taken:
+    """Decide again and again, each time from a pose as it comes in to the command as it goes out.
+
+    Args:
+        device: its options; its goal is one across the circle here.
+        scene: limits, bodies, horizons and Δt.
+    """
+    warm_up(device.goals, device.solver)
+    crossing = Crossing(scene, device.robot, DECISIONS)
+    known = scene.model_copy(update={"goals": crossing.goals})
+    agent = make_agent(device.options(None, crossing.goals[device.robot]), known)
+    until_s = time.perf_counter() + LONGEST_S
+    taken = Taken([], 0.0)
+    begun_s = time.process_time()
+    for step in range(DECISIONS):
+        payload = encode(crossing.observation(step))
+        begin_s = time.perf_counter()
+        decision = agent.decide(decode(Observation, payload))
+        if decision is not None:
+            encode(decision.mind), encode(decision.command)
+            crossing.drive(decision.command.input)
+        end_s = time.perf_counter()
+        taken.durations_s.append(end_s - begin_s)
+        if end_s > until_s and len(taken.durations_s) >= FEWEST:
+            break
+    return taken._replace(computed_s=time.process_time() - begun_s)
+
+
+def judged(taken: Taken, step_s: float, robots: str, budget_s: float | None) -> Finding:
+    """What to say of it.
+
+    Args:
+        taken: by decisions.
+        step_s: Δt, their deadline.
+        robots: with how many, for people.
+        budget_s: that was to be kept, if any.
+    """
+    durations_s = taken.durations_s
+    usual_s = statistics.quantiles(durations_s, n=20, method="inclusive")[-1]
+    longest_s = max(durations_s)
+    budget = "no budget" if budget_s is None else f"a budget of {_ms(budget_s)}"
+    told = (
+        f"{robots}, {budget}: median {_ms(statistics.median(durations_s))}, 95 % within {_ms(usual_s)}, "
+        f"longest of {len(durations_s)} {_ms(longest_s)}; {100.0 * usual_s / step_s:.0f} % of "
+        f"Δt = {_ms(step_s)}"
+    )
+    if taken.held_up > HELD_UP:
+        told += f"; others that run here took {100.0 * taken.held_up:.0f} % of the time"
+    remedy = "end what else runs here, expect fewer robots, or take a faster device"
+    if budget_s is None:
+        remedy = f"set --budget-ms to about half of Δt ({500.0 * step_s:.0f}), {remedy}"
+    if usual_s > step_s:
+        late = "in real time, commands would come too late (a world in lock-step waits)"
+        return Finding(ITEM, "failed", f"{told}: {late}", remedy)
+    if usual_s > TIGHT * step_s or longest_s > step_s:
+        return Finding(ITEM, "warning", f"{told}: little is left", remedy)
+    return Finding(ITEM, "ok", told)
+
+
+def _ms(duration_s: float) -> str:
+    return f"{1000.0 * duration_s:.3g} ms"
