@@ -165,6 +165,7 @@ class RobotProcess:
         settings = client_session(self._options.connect, self._options.identity)
         open_in_background(settings, self._opened.put)
         self._health.wants("it loads the solver, or compiles it")
+        self._health.beat()
         self._get_ready()
         self._health.wants(f"it waits for a world at {self._options.connect}")
         session = self._await_session()

@@ -38,7 +38,6 @@ class ServiceManager:
     ) -> None:
         self._log = structlog.get_logger("service")
         self._address = address and _as_bound(address)
-        self._socket = address and socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
         self._pause_s = LONGEST_START_S / FEEDINGS
         self._watchdog_s = watchdog_s
         self._now_s = now_s
@@ -79,19 +78,18 @@ class ServiceManager:
 
     def tell(self, **words: str) -> None:
         """Tell by assignments such as ``STATUS="waiting"``."""
-        self._unsaid |= words
-        if not isinstance(self._socket, socket.socket) or self._address is None:
-            self._unsaid.clear()
+        if self._address is None:
             return
+        self._unsaid |= words
         said = "\n".join(f"{name}={' '.join(value.split())}" for name, value in self._unsaid.items())
         try:
-            self._socket.sendto(said.encode(), self._address)
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as sending:
+                sending.sendto(said.encode(), self._address)
         except BlockingIOError:  # its queue is full
             return
         except OSError as error:
             self._log.warning("the service manager does not listen", reason=error.strerror)
-            self._socket.close()
-            self._socket = None
+            self._address = None
         self._unsaid.clear()
 
 
