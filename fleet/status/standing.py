@@ -162,8 +162,8 @@ class Standing:
 
     def _state(self, name: str, robot: _Robot) -> RobotState:
         true = self._truth.robots.get(name) if self._truth else None
-        if not robot.present:
-            return "lost" if robot.was_there else "missing"
+        if not robot.present:  # no step is published before all have been there
+            return "lost" if robot.was_there or self._truth else "missing"
         if true is not None and true.arrived_s is not None:
             return "arrived"
         if robot.mind is None:
