@@ -25,7 +25,7 @@ PATIENCE_S = 2.0
 """For each piece of a request, and for the client to take the answer."""
 MOST_AT_A_TIME = 16
 """Clients; one more, and the first of them has to go."""
-MOST_A_SECOND = 100
+MOST_A_SECOND = 20
 """Clients, so that asking without end costs the process little."""
 
 log = structlog.get_logger("watch")

@@ -151,7 +151,7 @@ def test_nonsense_does_no_harm(service, port, capfd, said):
 
 
 def test_clients_without_end_are_served_at_a_bounded_rate(port):
-    begin_s, count = time.monotonic(), 50
+    begin_s, count = time.monotonic(), 20
     for _ in range(count):
         assert get(port, METRICS)[0] == 200
     assert time.monotonic() - begin_s > 0.9 * (count - 1) / MOST_A_SECOND
