@@ -12,6 +12,7 @@ from agent.checking.command import check_device
 from agent.checking.device import Device
 from agent.configuration import options_in
 from agent.estimation import DEFAULT_GOALS, GoalsName
+from agent.health import RobotHealth, watched
 from agent.joining import SceneError
 from agent.orca import is_available
 from agent.process import MakeAgent, RobotOptions, RobotProcess, make_agent
@@ -21,9 +22,13 @@ from protocol.codec import MessageError
 from protocol.device_keys import DeviceKeys
 from protocol.identity import IdentityError, client_identity
 from protocol.keys import checked_name
+from protocol.logs import log_to_journal
 from protocol.scene import MAX_ROBOTS, Goal
 from protocol.session import reason_of
 from protocol.signals import end_with_parent, on_wish_to_end
+from protocol.watch_port import HELP as WATCH_PORT_HELP
+from protocol.watch_port import VARIABLE as WATCH_PORT
+from protocol.watch_port import WatchPortError
 from protocol.yaml_file import YamlFileError
 
 NOT_READY = 1
@@ -174,6 +179,10 @@ def main(
             show_default="none, so that decisions do not depend on the clock",
         ),
     ] = None,
+    watch_port: Annotated[
+        int | None,
+        typer.Option(envvar=WATCH_PORT, min=0, max=65535, help=WATCH_PORT_HELP, show_default="none"),
+    ] = None,
     config: Annotated[
         Path | None,
         typer.Option(
@@ -203,8 +212,8 @@ def main(
     """Be one robot: wait for a world, drive to the goal, until stopped by SIGINT or SIGTERM.
 
     Exit status: 0 stopped, 2 wrong usage, file, password or keys, 3 the world does not fit this robot or
-    cannot be reached at all, or there is no place for the compiled solver. With --check: 0 ready, 1 not, 2
-    wrong usage or file.
+    cannot be reached at all, or there is no place for the compiled solver, or the watch port is taken. With
+    --check: 0 ready, 1 not, 2 wrong usage or file.
     """
     if check:
         device = Device(
@@ -236,6 +245,7 @@ def main(
         solver=solver,
         iterations=iterations,
         budget_ms=budget_ms,
+        watch_port=watch_port,
     )
 
 
@@ -252,6 +262,7 @@ def run_robot(
     solver: SolverName,
     iterations: int,
     budget_ms: float | None,
+    watch_port: int | None,
 ) -> None:
     """Be one robot with a mind of this make; the options are those of the command line.
 
@@ -259,6 +270,7 @@ def run_robot(
         typer.Exit: the robot has failed; why was told.
     """
     end_with_parent()
+    log_to_journal()
     try:
         now = datetime.now(UTC)
         identity = client_identity(robot, connect, password_file, keys, now)
@@ -270,11 +282,13 @@ def run_robot(
     )
     if isinstance(identity, DeviceKeys) and (warning := identity.warning(now)):
         typer.echo(f"robot {robot}: {warning}", err=True)
-    process = RobotProcess(options, make_agent)
+    health = RobotHealth(robot, options.goal)
+    process = RobotProcess(options, make_agent, health)
     on_wish_to_end(process.stop)
     try:
-        process.run()
-    except (SceneError, MessageError, CompilingError) as error:
+        with watched(health, watch_port):
+            process.run()
+    except (SceneError, MessageError, CompilingError, WatchPortError) as error:
         typer.echo(f"robot {robot}: {error}", err=True)
         raise typer.Exit(FAILED) from None
     except zenoh.ZError as error:

@@ -23,6 +23,7 @@ from fleet.facts import VIRTUAL
 from fleet.live import run_processes
 from fleet.reporting.command import report
 from fleet.simulation import simulate as simulate_messages
+from fleet.status.command import status
 from fleet.suites.command import app as scenarios
 from fleet.supervision import Restart
 from fleet.trials.command import faults
@@ -154,6 +155,7 @@ def simulate(
 
 app.command("world")(world.__main__.main)
 app.command("agent")(agent.__main__.main)
+app.command("status")(status)
 app.command("bench")(bench)
 app.add_typer(scenarios, name="scenarios")
 app.add_typer(keys, name="keys")

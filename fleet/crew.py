@@ -14,6 +14,8 @@ from protocol.signals import PARENT
 PATIENCE_S = 5.0
 """How long processes may take to end after they were asked to."""
 LOG_TAIL_LINES = 8
+OWN = ("UNSPOKEN_", "NOTIFY_SOCKET", "WATCHDOG_")
+"""Environment variables that are for this process: its options, and its service manager."""
 
 
 class ProcessFailedError(Exception):
@@ -132,7 +134,7 @@ class Crew:
 
     def _run(self, name: str) -> None:
         part = self._parts[name]
-        inherited = {key: value for key, value in os.environ.items() if not key.startswith("UNSPOKEN_")}
+        inherited = {key: value for key, value in os.environ.items() if not key.startswith(OWN)}
         own = {f"UNSPOKEN_{key.upper()}": value for key, value in part.settings.items()}
         with self.log_file(name).open("ab") as log:
             self._processes[name] = subprocess.Popen(

@@ -11,6 +11,7 @@ from fleet.faults.director import Director
 from fleet.interruption import Interruption
 from fleet.listening import Bench
 from fleet.roles import Roles
+from fleet.status.reach import left_in
 from fleet.stream import StreamItem
 from fleet.supervision import WORLD, Restart, Supervisor
 
@@ -45,7 +46,7 @@ def run_processes(
         supervisor = Supervisor(crew, restart)
         director = Director(experiment, crew, supervisor)
         bench = Bench(experiment.facts.run, crew, supervisor, director, interruption)
-        with bench.connect(roles.bench()) as session:
+        with bench.connect(roles.bench()) as session, left_in(log_directory.parent, roles.reach()):
             yield from bench.subscribe(session)
             for robot in experiment.scenario.robots:
                 for role in roles.of_robot(robot):

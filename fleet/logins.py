@@ -24,6 +24,8 @@ class Logins:
         passwords = new_passwords([BENCH_NAME, *robots])
         write_users(self._users, passwords)
         self.bench = Login(BENCH_NAME, passwords.pop(BENCH_NAME))
+        self.bench_file: Path | None = directory / "bench.password"
+        write_password(self.bench_file, self.bench.password)
         self._passwords = passwords
         self._files = {robot: directory / f"{robot}.password" for robot in passwords}
         for robot, password in passwords.items():
@@ -51,7 +53,7 @@ class Logins:
 class NoLogins:
     """For a run without a policy: nobody proves anything."""
 
-    bench = None
+    bench = bench_file = None
 
     def of_world(self) -> dict[str, str]:
         """Settings of the world's process."""

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from fleet.experiment import Experiment
 from fleet.faults.casting import Faults
 from fleet.logins import Logins, NoLogins
+from fleet.status.reach import Reach
 from fleet.supervision import WORLD
 from protocol.scenario import ScenarioRobot
 from protocol.session import SessionSettings, client_session
@@ -47,6 +48,11 @@ class Roles:
     def bench(self) -> SessionSettings:
         """The session of the bench."""
         return client_session(self._endpoint, self._logins.bench)
+
+    def reach(self) -> Reach:
+        """How somebody else of this user's can listen, too."""
+        run, password_file = self._experiment.facts.run, self._logins.bench_file
+        return Reach(endpoint=self._endpoint, run=run, password_file=password_file)
 
     def world(self) -> Role:
         """The world, which begins when the bench listens."""

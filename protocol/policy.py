@@ -28,6 +28,8 @@ class Rights(NamedTuple):
     """It may ask a queryable there, and is answered."""
     stands: tuple[str, ...]
     """Its liveliness tokens."""
+    sees: tuple[str, ...] = ()
+    """Liveliness tokens of others that it may know of."""
 
 
 def rights_of(keys: Keys, robots: Iterable[str]) -> dict[str, Rights]:
@@ -42,7 +44,14 @@ def rights_of(keys: Keys, robots: Iterable[str]) -> dict[str, Rights]:
         )
         for robot in robots
     }
-    bench = Rights(reads=(keys.everything,), says=(), readers=(), asks=(keys.scene,), stands=())
+    bench = Rights(
+        reads=(keys.everything,),
+        says=(),
+        readers=(),
+        asks=(keys.scene,),
+        stands=(),
+        sees=(keys.everyone_alive,),
+    )
     return rights | {BENCH_NAME: bench}
 
 
@@ -109,6 +118,7 @@ _MEANING: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "readers": ((), ("declare_subscriber",)),
     "asks": (("query",), ("reply", "declare_queryable")),
     "stands": (("liveliness_token",), ()),
+    "sees": (("declare_liveliness_subscriber", "liveliness_query"), ("liveliness_token",)),
 }
 """By right: the messages that may come in from whoever has it, and those that may go out to it."""
 

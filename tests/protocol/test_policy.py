@@ -26,7 +26,7 @@ def test_no_robot_can_read_be_told_of_or_ask_for_what_another_can_do(robots: lis
     rights = rights_of(KEYS, robots)
     for one, other in permutations(robots, 2):
         done = rights[one].says + rights[one].stands
-        assert not overlap(done, rights[other].reads + rights[other].asks)
+        assert not overlap(done, rights[other].reads + rights[other].asks + rights[other].sees)
         # None asks under another's name, so that what a robot says when it joins is its own word.
         assert not overlap(rights[one].asks, rights[other].asks)
         # Whether somebody listens is told of the world's and the bench's subscriptions only.
@@ -83,6 +83,9 @@ def test_zenoh_reads_each_right_as_these_messages_in_these_directions() -> None:
         (BENCH_NAME, "query", "ingress", (KEYS.scene,)),
         (BENCH_NAME, "reply", "egress", (KEYS.scene,)),
         (BENCH_NAME, "declare_queryable", "egress", (KEYS.scene,)),
+        (BENCH_NAME, "declare_liveliness_subscriber", "ingress", (KEYS.everyone_alive,)),
+        (BENCH_NAME, "liveliness_query", "ingress", (KEYS.everyone_alive,)),
+        (BENCH_NAME, "liveliness_token", "egress", (KEYS.everyone_alive,)),
     }
 
 

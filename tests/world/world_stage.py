@@ -5,6 +5,7 @@ from world_helpers import EPOCH, command, lanes, sprint
 
 from protocol.codec import encode
 from world.clock import LockStep, RealTime
+from world.health import WorldHealth
 from world.inbox import Inbox
 from world.run import Run
 from world.world import World
@@ -60,7 +61,8 @@ class Stage:
         self.inbox = ScriptedInbox(self.world.robots)
         self.bus = ScriptedBus(self.inbox)
         clock = RealTime(0.1, self.now) if real_time else LockStep(60.0, self.now)
-        self.run = Run(self.world, clock, self.inbox, self.bus, structlog.get_logger())
+        self.health = WorldHealth(self.world.robots)
+        self.run = Run(self.world, clock, self.inbox, self.bus, structlog.get_logger(), self.health)
         for robot in self.world.robots:
             self.inbox.store_presence(robot, present=True)
         self.run.wait_for_robots(0.0)

@@ -1,0 +1,89 @@
+"""Where the world of a run that goes on is reached, left beside the run's output for its owner alone."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import structlog
+from pydantic import ValidationError
+
+from protocol.keys import Name
+from protocol.private_files import write_private
+from protocol.scene import Settings
+
+FILE = ".reach.json"
+RUNS = Path("runs")
+"""Where ``unspoken run`` puts its runs unless told otherwise."""
+
+log = structlog.get_logger("bench")
+
+
+class NoRunError(Exception):
+    """There is no run to look at; the text says what there is and what to do."""
+
+
+class Reach(Settings):
+    """What it takes to listen to a run as its bench does."""
+
+    endpoint: str
+    run: Name
+    """Its name on the bus."""
+    password_file: Path | None
+    """With the bench's password; None for a run without a policy."""
+
+
+@contextmanager
+def left_in(directory: Path, reach: Reach) -> Iterator[None]:
+    """Leave it in a run's directory for as long as the block lasts; a run goes on without it, too."""
+    path = directory / FILE
+    try:
+        path.unlink(missing_ok=True)
+        write_private(path, reach.model_dump_json())
+    except OSError as error:
+        log.warning("this run cannot be looked at by its directory", path=str(path), reason=error.strerror)
+    try:
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def is_going_on(directory: Path) -> bool:
+    """Whether the bench of a run has left it there, and has not ended in order since."""
+    return (directory / FILE).exists()
+
+
+def reach_of(directory: Path) -> Reach:
+    """How the run of this directory is reached.
+
+    Raises:
+        NoRunError: none goes on there.
+    """
+    path = directory / FILE
+    try:
+        return Reach.model_validate_json(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        what = "this run has ended" if directory.is_dir() else "there is no such directory"
+        raise NoRunError(
+            f"{directory}: {what}; the directory of a run that is going on is expected"
+        ) from None
+    except (OSError, UnicodeDecodeError, ValidationError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not what a run leaves there"
+        raise NoRunError(f"{path}: cannot be read: {reason}") from None
+
+
+def only_run(runs: Path = RUNS) -> Path:
+    """The directory of the run that is going on, where there is exactly one.
+
+    Raises:
+        NoRunError: there is none, or more than one.
+    """
+    found = sorted(path.parent for path in runs.glob(f"*/{FILE}"))
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        raise NoRunError(
+            f"no run is going on in {runs}/; name the directory of one, or the endpoint of its world "
+            "with --connect"
+        )
+    several = ", ".join(map(str, found))
+    raise NoRunError(f"{len(found)} runs are going on: {several}; name one of them")

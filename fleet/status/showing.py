@@ -1,0 +1,116 @@
+"""The status of a run as a table for people."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from fleet.status.recent import Spread
+from fleet.status.standing import RobotState, RobotStatus, Status, WorldStatus
+
+COLOURS: Final[dict[RobotState, str]] = {
+    "lost": "red",
+    "quiet": "red",
+    "missing": "yellow",
+    "degraded": "yellow",
+    "present": "",
+    "ready": "green",
+    "arrived": "cyan",
+}
+"""Those first that want to be looked at first."""
+WIDE: Final = 96
+"""Columns of a terminal that holds everything."""
+MEDIUM: Final = 56
+"""Columns of one that holds the times."""
+AROUND: Final = 6
+"""Lines that are no robot's."""
+
+
+def shown(status: Status, width: int, height: int | None) -> RenderableType:
+    """The status as fits.
+
+    Args:
+        status: of a run.
+        width: of the terminal, in columns.
+        height: of the terminal, in lines; None: without end.
+    """
+    robots = list(status.robots)
+    room = len(robots) if height is None else max(height - AROUND, 1)
+    lines: list[RenderableType] = [Text(_world(status.world), overflow="fold")]
+    if len(robots) > room:
+        order = list(COLOURS)
+        robots.sort(key=lambda robot: order.index(robot.state))
+        hidden = robots[room:]
+        robots = robots[:room]
+        lines += [_table(robots, width), Text(_hidden(hidden), style="dim")]
+    else:
+        lines.append(_table(robots, width))
+    return Group(*lines)
+
+
+def _world(world: WorldStatus) -> str:
+    if world.step is None:
+        return "world waits for robots"
+    state = f"ended: {world.verdict}" if world.verdict else world.state
+    parts = [f"world {state}", f"step {world.step}", f"{world.time_s:.1f} s"]
+    parts += [f"{_number(world.rate_hz)} steps/s", f"{world.arrived} arrived"]
+    if world.minimum_distance_m is not None:
+        parts.append(f"closest {world.minimum_distance_m:.2f} m")
+    if world.collisions:
+        parts.append(f"{world.collisions} collided")
+    return " · ".join(parts)
+
+
+def _table(robots: Sequence[RobotStatus], width: int) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("robot", no_wrap=True)
+    table.add_column("state", no_wrap=True)
+    table.add_column("step", justify="right", no_wrap=True)
+    if width >= MEDIUM:
+        table.add_column("decisions/s", justify="right", no_wrap=True)
+        table.add_column("decide ms", justify="right", no_wrap=True)
+        table.add_column("lag ms", justify="right", no_wrap=True)
+    if width >= WIDE:
+        table.add_column("missed", justify="right", no_wrap=True)
+        table.add_column("")
+    for robot in robots:
+        cells: list[str | Text] = [
+            robot.robot,
+            Text(robot.state, style=COLOURS[robot.state]),
+            _step(robot.step),
+        ]
+        if width >= MEDIUM:
+            cells += [_number(robot.rate_hz), _spread(robot.decide_ms), _spread(robot.lag_ms)]
+        if width >= WIDE:
+            cells += [str(robot.missed), _remarks(robot)]
+        table.add_row(*cells)
+    return table
+
+
+def _remarks(robot: RobotStatus) -> str:
+    counts = {
+        "solver failures": robot.solver_failures,
+        "interventions": robot.interventions,
+        "refused": robot.refused,
+    }
+    return ", ".join([*robot.degraded, *(f"{count} {what}" for what, count in counts.items() if count)])
+
+
+def _hidden(robots: Sequence[RobotStatus]) -> str:
+    states = [robot.state for robot in robots]
+    counts = ", ".join(f"{states.count(state)} {state}" for state in COLOURS if state in states)
+    return f"and {len(robots)} more: {counts}"
+
+
+def _step(step: int | None) -> str:
+    return "–" if step is None else str(step)
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.1f}"
+
+
+def _spread(spread: Spread | None) -> str:
+    return "–" if spread is None else f"{spread.p50:.1f} / {spread.p99:.1f}"

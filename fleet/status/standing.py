@@ -1,0 +1,173 @@
+"""How the processes of a run are, gathered from what they say. No input or output, and no clock."""
+
+from typing import Final, Literal
+
+from fleet.status.recent import Recent, Spread
+from protocol.messages import Command, Degradation, Message, Mind, PublicScene, Truth, Verdict
+from protocol.scene import Settings
+
+QUIET_S: Final = 3.0
+"""Who says nothing for longer, although the run goes on, is quiet."""
+
+WorldState = Literal["waits", "drives", "quiet", "ended"]
+"""It waits for robots before step 0; steps come; they have ceased to come; there is a verdict."""
+RobotState = Literal["missing", "present", "ready", "degraded", "arrived", "quiet", "lost"]
+"""It was never there; it is there and has not decided yet; it decides; it does, but not as it should; it is
+at its goal; it is there, but decides no more; it was there."""
+
+
+class WorldStatus(Settings):
+    """Of the world."""
+
+    state: WorldState
+    step: int | None
+    time_s: float | None
+    rate_hz: float | None
+    arrived: int
+    minimum_distance_m: float | None
+    collisions: int
+    verdict: Verdict | None
+
+
+class RobotStatus(Settings):
+    """Of one robot."""
+
+    robot: str
+    state: RobotState
+    step: int | None
+    """Of its last decision."""
+    rate_hz: float | None
+    decide_ms: Spread | None
+    lag_ms: Spread | None
+    """From the truth of a step to the command for it, as they come here."""
+    degraded: tuple[Degradation, ...]
+    solver_failures: int
+    interventions: int
+    missed: int
+    refused: int
+
+
+class Status(Settings):
+    """Of a run at a moment."""
+
+    run: str
+    world: WorldStatus
+    robots: tuple[RobotStatus, ...]
+
+
+class _Robot:
+    def __init__(self) -> None:
+        self.present = self.was_there = False
+        self.mind: Mind | None = None
+        self.decided_s = 0.0
+        self.decide_ms = Recent()
+        self.lag_ms = Recent()
+
+
+class Standing:
+    """Takes the valid messages of a run, as :class:`fleet.intake.Intake` gives them.
+
+    Args:
+        run: its name.
+    """
+
+    def __init__(self, run: str) -> None:
+        self._run = run
+        self._robots: dict[str, _Robot] = {}
+        self._epoch: int | None = None
+        self._truth: Truth | None = None
+        self._told_s = 0.0
+        self._steps = Recent()
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """Of the run, once it has one."""
+        return None if self._truth is None else self._truth.verdict
+
+    def stands(self, robot: str, *, present: bool) -> None:
+        """A robot's token has come or gone."""
+        known = self._robots.setdefault(robot, _Robot())
+        known.present = present
+        known.was_there = known.was_there or present
+
+    def take(self, message: Message, now_s: float) -> None:
+        """A message has come at a time."""
+        if message.epoch != self._epoch and isinstance(message, PublicScene | Truth):
+            self._epoch, self._truth = message.epoch, None
+            for robot in self._robots.values():
+                robot.mind = None
+        if isinstance(message, PublicScene):
+            for name in message.scene.robots:
+                self._robots.setdefault(name, _Robot())
+        elif isinstance(message, Truth):
+            self._truth, self._told_s = message, now_s
+            self._steps.add(now_s, 0.0)
+        elif isinstance(message, Mind):
+            robot = self._robots.setdefault(message.robot, _Robot())
+            robot.mind, robot.decided_s = message, now_s
+            robot.decide_ms.add(now_s, message.timings_ms.decide)
+        elif isinstance(message, Command) and self._truth is not None and message.step == self._truth.step:
+            robot = self._robots.setdefault(message.robot, _Robot())
+            robot.lag_ms.add(now_s, 1000.0 * (now_s - self._told_s))
+
+    def status(self, now_s: float) -> Status:
+        """How everybody is at a time."""
+        return Status(
+            run=self._run,
+            world=self._of_world(now_s),
+            robots=tuple(self._of_robot(name, robot, now_s) for name, robot in self._robots.items()),
+        )
+
+    def _of_world(self, now_s: float) -> WorldStatus:
+        truth = self._truth
+        if truth is None:
+            return WorldStatus(
+                state="waits",
+                step=None,
+                time_s=None,
+                rate_hz=None,
+                arrived=0,
+                minimum_distance_m=None,
+                collisions=0,
+                verdict=None,
+            )
+        state: WorldState = "drives" if now_s - self._told_s <= QUIET_S else "quiet"
+        return WorldStatus(
+            state=state if truth.verdict is None else "ended",
+            step=truth.step,
+            time_s=truth.time_s,
+            rate_hz=self._steps.rate_hz(now_s),
+            arrived=sum(robot.arrived_s is not None for robot in truth.robots.values()),
+            minimum_distance_m=truth.minimum_distance_m,
+            collisions=len(truth.collisions),
+            verdict=truth.verdict,
+        )
+
+    def _of_robot(self, name: str, robot: _Robot, now_s: float) -> RobotStatus:
+        mind, truth = robot.mind, self._truth
+        true = truth.robots.get(name) if truth else None
+        return RobotStatus(
+            robot=name,
+            state=self._state(name, robot),
+            step=mind.step if mind else None,
+            rate_hz=robot.decide_ms.rate_hz(now_s),
+            decide_ms=robot.decide_ms.spread(now_s),
+            lag_ms=robot.lag_ms.spread(now_s),
+            degraded=mind.degraded if mind else (),
+            solver_failures=mind.solver_failures if mind else 0,
+            interventions=mind.interventions if mind else 0,
+            missed=true.deadline_misses if true else 0,
+            refused=sum(truth.refused.get(name, {}).values()) if truth else 0,
+        )
+
+    def _state(self, name: str, robot: _Robot) -> RobotState:
+        true = self._truth.robots.get(name) if self._truth else None
+        if not robot.present:  # no step is published before all have been there
+            return "lost" if robot.was_there or self._truth else "missing"
+        if true is not None and true.arrived_s is not None:
+            return "arrived"
+        if robot.mind is None:
+            return "present"
+        if self._told_s - robot.decided_s > QUIET_S:
+            return "quiet"
+        return "degraded" if robot.mind.degraded else "ready"
