@@ -80,7 +80,7 @@ def run_world(options: WorldOptions) -> ExitStatus:
     on_wish_to_end(inbox.interrupt)
     settings = options.access.session(keys, world.robots, log)
     receive_on_threads(most_sessions(world.robots))
-    with _open_session(options.access.listen, settings) as session, closing(inbox):
+    with open_session(options.access.listen, settings) as session, closing(inbox):
         bus = Bus(session, keys, scene, world.robots, inbox)
         log.info(
             "world started",
@@ -107,7 +107,12 @@ def _clock(options: WorldOptions) -> Clock:
     return LockStep(options.answer_timeout_s)
 
 
-def _open_session(listen: str, settings: SessionSettings) -> zenoh.Session:
+def open_session(listen: str, settings: SessionSettings) -> zenoh.Session:
+    """The session at which robots connect.
+
+    Raises:
+        EndpointError: it cannot be opened.
+    """
     try:
         return zenoh.open(settings.to_zenoh())
     except zenoh.ZError as error:
