@@ -120,9 +120,10 @@ class OdometryWorld:
                 robot.seen = None
                 robot.vehicle.stand()
             else:
-                robot.seen = gone_on(robot.reading, age_s)
+                seen = gone_on(robot.reading, age_s)
+                robot.vehicle.state = seen._replace(speed_mps=self._wanted_mps(robot, seen.speed_mps))
                 robot.accuracy = self._accuracy(robot.reading, robot.settings.limits, age_s)
-                robot.vehicle.state = robot.seen._replace(speed_mps=self._wanted_mps(robot, robot.seen))
+                robot.seen = seen
         self._distances.measure({name: robot.seen for name, robot in self._robots.items() if robot.seen})
 
     def observations(self) -> dict[str, Observation]:
@@ -204,10 +205,13 @@ class OdometryWorld:
             refused=refused or {},
         )
 
-    def _wanted_mps(self, robot: _Robot, seen: VehicleState) -> float:
+    def _wanted_mps(self, robot: _Robot, measured_mps: float) -> float:
+        """The speed that a robot is to have by now: its own, where nothing was wanted of it before."""
+        if robot.seen is None:
+            return measured_mps
         ahead_mps = robot.settings.limits.acceleration_mps2 * self._settings.drive_lag_s
         wanted_mps = robot.vehicle.state.speed_mps
-        return min(max(wanted_mps, seen.speed_mps - ahead_mps), seen.speed_mps + ahead_mps)
+        return min(max(wanted_mps, measured_mps - ahead_mps), measured_mps + ahead_mps)
 
     def _accuracy(self, reading: Reading, limits: Limits, age_s: float) -> Accuracy:
         """Of a state that is this old: of the sensors, and of what may have changed since."""
@@ -223,16 +227,12 @@ class OdometryWorld:
 
 def gone_on(reading: Reading, age_s: float) -> VehicleState:
     """Where a robot is some time after it was seen, had it kept its speed and turn rate: on an arc."""
-    state, turned_rad = reading.state, reading.turn_rate_radps * age_s
-    # Half of the turn into the chord of the arc: exact, and without a division for who goes straight on.
-    chord_m = (
-        state.speed_mps * age_s * (math.sin(turned_rad / 2.0) / (turned_rad / 2.0) if turned_rad else 1.0)
-    )
-    direction_rad = state.heading_rad + turned_rad / 2.0
+    state, half_rad = reading.state, reading.turn_rate_radps * age_s / 2.0
+    chord_m = state.speed_mps * age_s * (math.sin(half_rad) / half_rad if half_rad else 1.0)
     return VehicleState(
-        state.x_m + chord_m * math.cos(direction_rad),
-        state.y_m + chord_m * math.sin(direction_rad),
-        state.heading_rad + turned_rad,
+        state.x_m + chord_m * math.cos(state.heading_rad + half_rad),
+        state.y_m + chord_m * math.sin(state.heading_rad + half_rad),
+        state.heading_rad + 2.0 * half_rad,
         state.speed_mps,
     )
 
