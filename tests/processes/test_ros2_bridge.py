@@ -181,6 +181,22 @@ def test_a_robot_whose_agent_hangs_brakes(bridge, agents, places):
         ends(crossing)
 
 
+@pytest.mark.slow
+def test_the_side_of_ros_may_go_and_come_back(bridge, agents, places):
+    bases, goals = star(2, distance_m=8.0)
+    with RosSide(places[1], bases):
+        crossing = bridge(bases)
+        agents(goals)
+        until(lambda: bases[0].speed_mps > 0.5, "a moving robot")
+    until(lambda: crossing.told.count("odometry lost") == 2, "the loss of both")
+    for base in bases:
+        base.speed_mps, base.told = 0.0, []
+    with RosSide(places[1], bases):
+        until(lambda: crossing.told.count("odometry found") == 4, "the return of both")
+        until(lambda: bases[0].speed_mps > 0.5, "a robot that drives again")
+        ends(crossing)
+
+
 def test_the_command_without_agents_or_without_ros_says_what_is_missing(bridge, places):
     bases, _ = star(2)
     waiting = bridge(bases)
