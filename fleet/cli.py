@@ -10,6 +10,7 @@ import typer
 
 import agent.__main__
 import world.__main__
+import world.ros2.__main__
 from agent.estimation import DEFAULT_GOALS, GoalsName
 from agent.solver import ITERATIONS, SolverName
 from fleet.auditing.command import audit, replay
@@ -37,6 +38,15 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Mobile robots that cross each other's way without communicating.",
 )
+
+bridge = typer.Typer(no_args_is_help=True, help="Real robots in place of simulated ones.")
+bridge.command("ros2")(world.ros2.__main__.main)
+
+
+@bridge.callback()
+def _bridges() -> None:
+    """With a single command in it, this keeps the command's name."""
+
 
 ScenarioArgument = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="A scenario file, or the name of a bundled one such as 8a.")
@@ -156,6 +166,7 @@ def simulate(
 app.command("world")(world.__main__.main)
 app.command("agent")(agent.__main__.main)
 app.command("status")(status)
+app.add_typer(bridge, name="bridge")
 app.command("bench")(bench)
 app.add_typer(scenarios, name="scenarios")
 app.add_typer(keys, name="keys")

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel
-from pydantic_core import ErrorDetails
+from pydantic_core import ErrorDetails, PydanticCustomError
 
 from protocol.yaml_tree import Item
 
@@ -32,6 +32,16 @@ _EXPECTED = {
     "too_long": "a list of at most {max_length} items",
 }
 """What was expected, by pydantic's kind of error."""
+
+
+def mistake_at(where: str, what: str) -> PydanticCustomError:
+    """A mistake of a whole file that belongs to one place in it.
+
+    Args:
+        where: such as ``robots.2.goal``.
+        what: is wrong, and what was expected.
+    """
+    return PydanticCustomError("scenario", "{what}", {"where": where, "what": what})
 
 
 def tell(path: Path, tree: Item, model: type[BaseModel], errors: list[ErrorDetails]) -> str:

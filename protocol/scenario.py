@@ -8,10 +8,10 @@ from itertools import combinations
 from typing import Annotated, Self
 
 from pydantic import BeforeValidator, Field, model_validator
-from pydantic_core import PydanticCustomError
 
 from protocol.faults import MAX_FAULTS, Faults, Interval, as_tuple, unknown_robot
 from protocol.keys import Id
+from protocol.mistakes import mistake_at
 from protocol.scene import MAX_ROBOTS, Goal, Metres, NonNegative, PublicRobot, Rules, Scene, Settings
 
 MAX_DELAY_STEPS = 10
@@ -104,14 +104,14 @@ class Scenario(Rules):
         seen: set[str] = set()
         for index, robot in enumerate(self.robots):
             if robot.id in seen:
-                raise _problem(f"robots.{index}.id", f"the id {robot.id!r} is used twice; ids must differ")
+                raise mistake_at(f"robots.{index}.id", f"the id {robot.id!r} is used twice; ids must differ")
             seen.add(robot.id)
         return self
 
     @model_validator(mode="after")
     def _faults_befall_robots_that_exist(self) -> Self:
         if found := unknown_robot(self.faults, [robot.id for robot in self.robots]):
-            raise _problem(*found)
+            raise mistake_at(*found)
         return self
 
     @model_validator(mode="after")
@@ -119,7 +119,7 @@ class Scenario(Rules):
         for index, robot in enumerate(self.robots):
             for field, pose in (("start", robot.start), ("goal", robot.goal)):
                 if not self.area.contains(pose.x_m, pose.y_m):
-                    raise _problem(
+                    raise mistake_at(
                         f"robots.{index}.{field}",
                         f"({pose.x_m:g}, {pose.y_m:g}) lies outside the area "
                         f"x {self.area.x_min_m:g}…{self.area.x_max_m:g}, "
@@ -138,14 +138,9 @@ class Scenario(Rules):
             ):
                 distance = math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
                 if distance < least:
-                    raise _problem(
+                    raise mistake_at(
                         f"robots.{index}.{field}",
                         f"the {field}s of robots {one.id!r} and {other.id!r} are {distance:.3g} m apart, "
                         f"at least {least:.4g} m are needed: {why}",
                     )
         return self
-
-
-def _problem(where: str, what: str) -> PydanticCustomError:
-    """A problem of the whole scenario that belongs to one place in it (``robots.2.goal``)."""
-    return PydanticCustomError("scenario", "{what}", {"where": where, "what": what})

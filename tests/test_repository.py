@@ -104,6 +104,6 @@ def test_the_commands_and_options_that_a_document_names_exist(document):
         planned = subprocess.run(["make", "--dry-run", *words], cwd=ROOT, capture_output=True, text=True)
         assert planned.returncode == 0, planned.stderr
     for words in commands_in(document, "unspoken"):
-        command = words[: 2 if words[:1] in (["scenarios"], ["keys"]) else 1]
+        command = words[: 2 if words[:1] in (["scenarios"], ["keys"], ["bridge"]) else 1]
         options = set(OPTION.findall(" ".join(words[len(command) :])))
         assert options <= set(OPTION.findall(help_of(*command))), words

@@ -1,11 +1,9 @@
 """``python -m world``: the command line of the world's process."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from protocol.keys import NAME_RULE, checked_name
 from protocol.logs import log_to_journal
 from protocol.scenario_file import ScenarioError, load_scenario
 from protocol.signals import end_with_parent
@@ -14,23 +12,17 @@ from protocol.watch_port import VARIABLE as WATCH_PORT
 from protocol.watch_port import WatchPortError
 from scenarios import find
 from world.access import Access, AccessError
+from world.options import (
+    InsecureOption,
+    KeysOption,
+    ListenOption,
+    RunOption,
+    StartTimeoutOption,
+    UsersOption,
+    seconds,
+)
 from world.process import ClockKind, EndpointError, ExitStatus, WorldOptions, run_world
 from world.run import RobotsMissingError
-
-LONGEST_WAIT_S = 86_400.0
-
-
-def _run_name(value: str) -> str:
-    try:
-        return checked_name(value)
-    except ValueError:
-        raise typer.BadParameter(f"{value!r} is no name of a run: {NAME_RULE}") from None
-
-
-def _seconds(value: float) -> float:
-    if not 0.0 <= value <= LONGEST_WAIT_S:  # also refuses NaN
-        raise typer.BadParameter(f"{value} found, 0 to {LONGEST_WAIT_S:g} seconds are expected")
-    return value
 
 
 def main(
@@ -40,41 +32,11 @@ def main(
             envvar="UNSPOKEN_SCENARIO", help="Scenario file, or the name of a bundled one such as 8a."
         ),
     ],
-    listen: Annotated[
-        str, typer.Option(envvar="UNSPOKEN_LISTEN", help="Zenoh endpoint at which robots connect.")
-    ] = "tcp/127.0.0.1:7447",
-    users: Annotated[
-        Path | None,
-        typer.Option(
-            envvar="UNSPOKEN_USERS",
-            help="File of lines name:password, for every robot and @bench, which only you can read. With it, "
-            "each may do what the policy grants it and nothing else.",
-            show_default="none, and whoever connects may read and say anything",
-        ),
-    ] = None,
-    keys: Annotated[
-        Path | None,
-        typer.Option(
-            envvar="UNSPOKEN_KEYS",
-            help="Folder with the world's keys, as 'unspoken keys' makes it, for an endpoint tls/…; instead "
-            "of passwords.",
-            show_default="none",
-        ),
-    ] = None,
-    insecure: Annotated[
-        bool,
-        typer.Option(
-            "--insecure",
-            envvar="UNSPOKEN_INSECURE",
-            help="Let other machines connect although nothing is encrypted.",
-        ),
-    ] = False,
-    run: Annotated[
-        str,
-        typer.Option(
-            envvar="UNSPOKEN_RUN", callback=_run_name, help="Name of the run, first part of all its keys."
-        ),
-    ] = "run",
+    listen: ListenOption = "tcp/127.0.0.1:7447",
+    users: UsersOption = None,
+    keys: KeysOption = None,
+    insecure: InsecureOption = False,
+    run: RunOption = "run",
     clock: Annotated[
         ClockKind,
         typer.Option(
@@ -99,19 +61,12 @@ def main(
             help="Begin when the truth has a reader, too, so that it misses nothing.",
         ),
     ] = False,
-    start_timeout: Annotated[
-        float,
-        typer.Option(
-            envvar="UNSPOKEN_START_TIMEOUT",
-            callback=_seconds,
-            help="Seconds to wait for all robots at the start.",
-        ),
-    ] = 60.0,
+    start_timeout: StartTimeoutOption = 60.0,
     answer_timeout: Annotated[
         float,
         typer.Option(
             envvar="UNSPOKEN_ANSWER_TIMEOUT",
-            callback=_seconds,
+            callback=seconds,
             help="Seconds to wait for the commands of one step in lock-step.",
         ),
     ] = 120.0,

@@ -1,11 +1,38 @@
 """Which commands of a step the world takes."""
 
+from collections.abc import Callable
+from typing import Protocol
+
 from structlog.typing import FilteringBoundLogger
 
 from protocol.codec import MessageError, decode
-from protocol.messages import Command, Refusals
+from protocol.messages import Command, Refusal, Refusals
 from world.notices import RefusalNotices
-from world.world import World
+
+Heed = Callable[[str, Command], object]
+"""Told of each command that is taken, with the robot that it came from, as soon as it is."""
+
+
+class Answered(Protocol):
+    """A world as far as commands answer it."""
+
+    @property
+    def step(self) -> int:
+        """The present step."""
+
+    def refusal(self, robot: str, command: Command) -> Refusal | None:
+        """Why a command that came from this robot does not answer the present step, None if it does."""
+
+
+def refusal_at(step: int, epoch: int, robot: str, command: Command) -> Refusal | None:
+    """Why a command that came from a robot does not answer this step of this epoch, None if it does."""
+    if command.robot != robot:
+        return "names another robot"
+    if command.epoch != epoch:
+        return "answers another epoch"
+    if command.step != step:
+        return "answers another step"
+    return None
 
 
 class Judge:
@@ -14,14 +41,18 @@ class Judge:
     Args:
         world: whose present step is to be answered.
         log: for people.
+        heed: for worlds that do not wait for the end of the step.
 
     Attributes:
         answers: the commands taken at this step, by robot.
     """
 
-    def __init__(self, world: World, log: FilteringBoundLogger) -> None:
+    def __init__(
+        self, world: Answered, log: FilteringBoundLogger, heed: Heed = lambda _robot, _command: None
+    ) -> None:
         self._world = world
-        self._refusals = RefusalNotices(log)
+        self._heed = heed
+        self._refusals = RefusalNotices[Refusal](log, "command refused")
         self.answers: dict[str, Command] = {}
 
     @property
@@ -49,6 +80,7 @@ class Judge:
             reason = "answers a step again"
         if reason is None:
             self.answers[robot] = command
+            self._heed(robot, command)
         else:
             self._refusals.add(
                 robot,

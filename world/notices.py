@@ -3,37 +3,44 @@
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
+from typing import Generic, TypeVar
 
 from structlog.typing import FilteringBoundLogger
 
-from protocol.messages import Refusal, Refusals
-
 MISSES_EVERY_S = 5.0
 
+R = TypeVar("R", bound=str)
 
-class RefusalNotices:
-    """Refused commands: each robot and reason is logged once, all are counted."""
 
-    def __init__(self, log: FilteringBoundLogger) -> None:
+class RefusalNotices(Generic[R]):
+    """What is refused of robots: each robot and reason is logged once, all are counted.
+
+    Args:
+        log: for people.
+        event: what a line in it begins with.
+    """
+
+    def __init__(self, log: FilteringBoundLogger, event: str) -> None:
         self._log = log
-        self._counts: dict[str, Counter[Refusal]] = {}
+        self._event = event
+        self._counts: dict[str, Counter[R]] = {}
 
     @property
-    def counts(self) -> Refusals:
+    def counts(self) -> dict[str, dict[R, int]]:
         """How many were refused, by robot and reason."""
         return {robot: dict(reasons) for robot, reasons in self._counts.items()}
 
-    def add(self, robot: str, reason: Refusal, detail: str) -> None:
-        """A command was refused.
+    def add(self, robot: str, reason: R, detail: str) -> None:
+        """Something was refused.
 
         Args:
             robot: whose key it came on.
-            reason: the same for all commands of this kind.
-            detail: more about this command.
+            reason: the same for all of this kind.
+            detail: more about this one.
         """
         counts = self._counts.setdefault(robot, Counter())
         if reason not in counts:
-            self._log.warning("command refused", robot=robot, reason=reason, detail=detail)
+            self._log.warning(self._event, robot=robot, reason=reason, detail=detail)
         counts[reason] += 1
 
 

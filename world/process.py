@@ -86,7 +86,7 @@ def run_world(options: WorldOptions) -> ExitStatus:
     receive_on_threads(most_sessions(world.robots))
     with (
         watched(health, options.watch_port),
-        _open_session(options.access.listen, settings) as session,
+        open_session(options.access.listen, settings) as session,
         closing(inbox),
     ):
         bus = Bus(session, keys, scene, world.robots, inbox)
@@ -117,7 +117,12 @@ def _clock(options: WorldOptions) -> Clock:
     return LockStep(options.answer_timeout_s)
 
 
-def _open_session(listen: str, settings: SessionSettings) -> zenoh.Session:
+def open_session(listen: str, settings: SessionSettings) -> zenoh.Session:
+    """The session at which robots connect.
+
+    Raises:
+        EndpointError: it cannot be opened.
+    """
     try:
         return zenoh.open(settings.to_zenoh())
     except zenoh.ZError as error:

@@ -8,10 +8,58 @@ from itertools import combinations
 from protocol.arrival import has_arrived
 from protocol.messages import Verdict
 from protocol.scenario import Scenario
+from protocol.scene import Scene
 from world.physics import VehicleState
 
 DEADLOCK_WINDOW_S = 5.0
 DEADLOCK_DISTANCE_M = 0.05
+
+
+class Distances:
+    """Measures ways and distances, step by step.
+
+    Attributes:
+        driven_m: way driven by each robot, Σ |Δp|.
+        minimum_distance_m: smallest distance of two centres so far, None with a single robot.
+        collisions: pairs that have come closer than their bodies allow, each once, in this order.
+
+    Args:
+        scene: the robots and their bodies.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self._collision_distance_m = {
+            pair: scene.collision_distance_m(*pair) for pair in combinations(scene.robots, 2)
+        }
+        self._before: Mapping[str, VehicleState] | None = None
+        self.driven_m = dict.fromkeys(scene.robots, 0.0)
+        self.minimum_distance_m: float | None = None
+        self.collisions: tuple[tuple[str, str], ...] = ()
+
+    def measure(self, states: Mapping[str, VehicleState]) -> None:
+        """Take in one step.
+
+        Args:
+            states: of all robots that are in the scene, in the order of the scene.
+        """
+        self._measure_way(states)
+        self._measure_distances(states)
+
+    def _measure_way(self, states: Mapping[str, VehicleState]) -> None:
+        if self._before is not None:
+            for robot in states.keys() & self._before.keys():
+                now, before = states[robot], self._before[robot]
+                self.driven_m[robot] += math.hypot(now.x_m - before.x_m, now.y_m - before.y_m)
+        self._before = states
+
+    def _measure_distances(self, states: Mapping[str, VehicleState]) -> None:
+        for one, other in combinations(states, 2):
+            a, b, least_m = states[one], states[other], self._collision_distance_m[one, other]
+            distance_m = math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
+            if self.minimum_distance_m is None or distance_m < self.minimum_distance_m:
+                self.minimum_distance_m = distance_m
+            if distance_m < least_m and (one, other) not in self.collisions:
+                self.collisions += ((one, other),)
 
 
 class Referee:
@@ -29,9 +77,7 @@ class Referee:
 
     Attributes:
         arrived_s: time of arrival of each robot, None before it.
-        driven_m: way driven by each robot, Σ |Δp|.
-        minimum_distance_m: smallest distance of two centres so far, None with a single robot.
-        collisions: pairs that have collided, each once, in the order of their collisions.
+        distances: the ways and distances so far.
         verdict: None while the run goes on.
     """
 
@@ -40,19 +86,12 @@ class Referee:
         self._robots = scenario.robots
         self._tolerance = scenario.arrival_tolerance
         self._goals = {robot.id: robot.goal_pose().as_state() for robot in scenario.robots}
-        scene = scenario.scene(with_goals=False)
-        self._collision_distance_m = {
-            pair: scene.collision_distance_m(*pair) for pair in combinations(self._goals, 2)
-        }
         self._last_step = _steps_in(scenario.time_limit_s, scenario.step_s)
-        self._before: Mapping[str, VehicleState] | None = None
         self._driven_before: deque[dict[str, float]] = deque(
             maxlen=_steps_in(DEADLOCK_WINDOW_S, scenario.step_s) + 1
         )
         self.arrived_s: dict[str, float | None] = dict.fromkeys(self._goals)
-        self.driven_m = dict.fromkeys(self._goals, 0.0)
-        self.minimum_distance_m: float | None = None
-        self.collisions: tuple[tuple[str, str], ...] = ()
+        self.distances = Distances(scenario.scene(with_goals=False))
         self.verdict: Verdict | None = None
 
     def watch(self, step: int, states: Mapping[str, VehicleState]) -> None:
@@ -62,8 +101,8 @@ class Referee:
             step: its number.
             states: true states of all robots that are in the scene at this step.
         """
-        self._measure_way(states)
-        self._measure_distances(states)
+        self.distances.measure(states)
+        self._driven_before.append(dict(self.distances.driven_m))
         for robot, state in states.items():
             if self.arrived_s[robot] is None and has_arrived(state, self._goals[robot], self._tolerance):
                 self.arrived_s[robot] = self._time_s(step)
@@ -74,23 +113,6 @@ class Referee:
         if self.verdict is None:
             self.verdict = "interrupted"
 
-    def _measure_way(self, states: Mapping[str, VehicleState]) -> None:
-        if self._before is not None:
-            for robot in states.keys() & self._before.keys():
-                now, before = states[robot], self._before[robot]
-                self.driven_m[robot] += math.hypot(now.x_m - before.x_m, now.y_m - before.y_m)
-        self._before = states
-        self._driven_before.append(dict(self.driven_m))
-
-    def _measure_distances(self, states: Mapping[str, VehicleState]) -> None:
-        for one, other in combinations(states, 2):
-            a, b, least_m = states[one], states[other], self._collision_distance_m[one, other]
-            distance_m = math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
-            if self.minimum_distance_m is None or distance_m < self.minimum_distance_m:
-                self.minimum_distance_m = distance_m
-            if distance_m < least_m and (one, other) not in self.collisions:
-                self.collisions += ((one, other),)
-
     def _judge(self, step: int) -> Verdict | None:
         verdict: Verdict | None = None
         if all(self.arrived_s[robot] is not None for robot in self._awaited(step)):
@@ -99,7 +121,7 @@ class Referee:
             verdict = "deadlock"
         elif step >= self._last_step:
             verdict = "timeout"
-        return "collision" if verdict and self.collisions else verdict
+        return "collision" if verdict and self.distances.collisions else verdict
 
     def _awaited(self, step: int) -> set[str]:
         """Robots that are to arrive: all but those that have left for good."""
@@ -116,7 +138,9 @@ class Referee:
         if len(self._driven_before) < (self._driven_before.maxlen or 0):
             return False
         then = self._driven_before[0]
-        return all(driven - then[robot] < DEADLOCK_DISTANCE_M for robot, driven in self.driven_m.items())
+        return all(
+            driven - then[robot] < DEADLOCK_DISTANCE_M for robot, driven in self.distances.driven_m.items()
+        )
 
 
 def _steps_in(duration_s: float, step_s: float) -> int:

@@ -7,15 +7,14 @@ from typing import Protocol
 from structlog.typing import FilteringBoundLogger
 
 from protocol.keys import BENCH_NAME
-from protocol.messages import Observation, Truth
+from protocol.messages import Command, Observation, Refusals, Truth
 from protocol.vital_signs import BEAT_S
 from world.clock import Clock
 from world.health import WorldHealth
 from world.inbox import Arrivals, Inbox
-from world.judge import Judge
+from world.judge import Answered, Heed, Judge
 from world.notices import Misses
 from world.versions import Versions
-from world.world import World
 
 RETURN_S = 5.0
 """How long lock-step stands still for the first of them to come back when all have been lost."""
@@ -23,6 +22,34 @@ RETURN_S = 5.0
 
 class RobotsMissingError(Exception):
     """Robots did not come in time; the text names them."""
+
+
+class Steps(Answered, Protocol):
+    """A world that goes from step to step; :class:`world.world.World` is one."""
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """Ids of all robots."""
+
+    @property
+    def present(self) -> tuple[str, ...]:
+        """Ids of the robots that are in the scene at the present step."""
+
+    @property
+    def over(self) -> bool:
+        """Whether the run has ended."""
+
+    def observations(self) -> Mapping[str, Observation]:
+        """What each robot in the scene sees at the present step."""
+
+    def advance(self, commands: Mapping[str, Command]) -> object:
+        """Go on to the next step with the commands that answer the present one."""
+
+    def interrupt(self) -> None:
+        """End a run that goes on; its verdict is "interrupted"."""
+
+    def truth(self, refused: Refusals | None = None) -> Truth:
+        """What the bench is told of the present step."""
 
 
 class Publishes(Protocol):
@@ -49,16 +76,18 @@ class Run:
         bus: where messages go.
         log: for people.
         health: where it reports how it is; None for one that nobody looks at.
+        heed: see :class:`world.judge.Judge`.
     """
 
     def __init__(
         self,
-        world: World,
+        world: Steps,
         clock: Clock,
         inbox: Inbox,
         bus: Publishes,
         log: FilteringBoundLogger,
         health: WorldHealth | None = None,
+        heed: Heed = lambda _robot, _command: None,
     ) -> None:
         self._health = health or WorldHealth(world.robots)
         self._world = world
@@ -66,7 +95,7 @@ class Run:
         self._inbox = inbox
         self._bus = bus
         self._log = log
-        self._judge = Judge(world, log)
+        self._judge = Judge(world, log, heed)
         self._misses = Misses(log)
         self._versions = Versions(log)
         self._present: frozenset[str] = frozenset()

@@ -1,31 +1,14 @@
 """The simulated world as a pure core: commands in, observations out."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from protocol.messages import Command, Observation, Refusal, Refusals, State, TrueRobot, Truth
-from protocol.scenario import Scenario, ScenarioRobot
-from protocol.vehicle import STANDSTILL, Input, Limits, braking_input
-from world.physics import Driven, VehicleState, drive
+from protocol.scenario import Scenario
+from world.judge import refusal_at
+from world.physics import VehicleState
 from world.referee import Referee
 from world.sensing import Sensors, View
-
-
-@dataclass
-class _Vehicle:
-    robot: ScenarioRobot
-    limits: Limits
-    state: VehicleState
-    applied: Input = STANDSTILL
-    fallback: Input | None = None
-    """What the command of the step before says for a step without one."""
-    deadline_misses: int = 0
-    clipped_commands: int = 0
-
-    def stand(self) -> None:
-        """Outside the scene nothing moves."""
-        self.state = self.state._replace(speed_mps=0.0)
-        self.applied, self.fallback = STANDSTILL, None
+from world.vehicle import Vehicle
 
 
 class World:
@@ -44,8 +27,9 @@ class World:
         self._epoch = epoch
         self._scenario = scenario
         self._step = 0
+        self._robots = {robot.id: robot for robot in scenario.robots}
         self._vehicles = {
-            robot.id: _Vehicle(robot, robot.limits, VehicleState(*robot.start_state()))
+            robot.id: Vehicle(robot.limits, scenario.step_s, VehicleState(*robot.start_state()))
             for robot in scenario.robots
         }
         self._sensors = {
@@ -69,7 +53,7 @@ class World:
     def present(self) -> tuple[str, ...]:
         """Ids of the robots that are in the scene at the present step."""
         time_s = self._scenario.time_s(self._step)
-        return tuple(name for name, each in self._vehicles.items() if each.robot.is_present(time_s))
+        return tuple(name for name, robot in self._robots.items() if robot.is_present(time_s))
 
     @property
     def over(self) -> bool:
@@ -82,21 +66,14 @@ class World:
 
     def refusal(self, robot: str, command: Command) -> Refusal | None:
         """Why a command that came from this robot does not answer the present step, None if it does."""
-        if command.robot != robot:
-            return "names another robot"
-        if command.epoch != self._epoch:
-            return "answers another epoch"
-        if command.step != self._step:
-            return "answers another step"
-        return None
+        return refusal_at(self._step, self._epoch, robot, command)
 
     def advance(self, commands: Mapping[str, Command]) -> dict[str, Observation]:
         """Drive all robots to the next step.
 
         A robot without a command, or with one that is withheld or that `refusal` objects to, has missed its
-        deadline, which is counted. It drives the `then` of its last command if that answered the step before,
-        and brakes otherwise. A command beyond the limits is clipped and counted, a fallback only clipped.
-        Robots that have arrived go on obeying; those that are not in the scene stand still.
+        deadline, which is counted; :class:`world.vehicle.Vehicle` says what it drives then. Robots that have
+        arrived go on obeying; those that are not in the scene stand still.
 
         Args:
             commands: the commands of the present step by the robot that gave them.
@@ -115,15 +92,8 @@ class World:
                 vehicle.stand()
                 continue
             command = commands.get(robot)
-            if command is None or command.withheld or self.refusal(robot, command) is not None:
-                vehicle.deadline_misses += 1
-                wanted = vehicle.fallback or self._braking(vehicle)
-                vehicle.state, vehicle.applied, _ = self._drive(vehicle, wanted)
-                vehicle.fallback = None
-            else:
-                vehicle.state, vehicle.applied, clipped = self._drive(vehicle, command.input)
-                vehicle.clipped_commands += clipped
-                vehicle.fallback = command.then and Input(*command.then)
+            missed = command is None or command.withheld or self.refusal(robot, command) is not None
+            vehicle.obey(None if missed else command)
         self._step += 1
         self._observe()
         return self._observations
@@ -149,24 +119,18 @@ class World:
                     turn_rate_radps=vehicle.applied.turn_rate_radps,
                     acceleration_mps2=vehicle.applied.acceleration_mps2,
                     arrived_s=referee.arrived_s[robot],
-                    driven_m=referee.driven_m[robot],
+                    driven_m=referee.distances.driven_m[robot],
                     deadline_misses=vehicle.deadline_misses,
                     clipped_commands=vehicle.clipped_commands,
                 )
                 for robot, vehicle in self._vehicles.items()
                 if robot in present
             },
-            minimum_distance_m=referee.minimum_distance_m,
-            collisions=referee.collisions,
+            minimum_distance_m=referee.distances.minimum_distance_m,
+            collisions=referee.distances.collisions,
             verdict=referee.verdict,
             refused=refused or {},
         )
-
-    def _braking(self, vehicle: _Vehicle) -> Input:
-        return braking_input(vehicle.limits, vehicle.applied, vehicle.state.speed_mps, self._scenario.step_s)
-
-    def _drive(self, vehicle: _Vehicle, wanted: Input) -> Driven:
-        return drive(vehicle.limits, vehicle.state, vehicle.applied, wanted, self._scenario.step_s)
 
     def _observe(self) -> None:
         states = {robot: vehicle.state for robot, vehicle in self._vehicles.items()}

@@ -56,10 +56,10 @@ def test_centres_closer_than_both_radii_have_collided_and_each_pair_is_listed_on
     for step, gap in enumerate((1.5, 0.991, 0.989, 1.2, 0.5)):
         states = {"1": at(0.0, 0.0), "2": at(gap, 0.0), "3": at(9.0, 0.0)}
         referee.watch(step, states)
-        assert referee.collisions == (() if gap > 0.99 and step < 2 else (("1", "2"),))
+        assert referee.distances.collisions == (() if gap > 0.99 and step < 2 else (("1", "2"),))
         assert referee.verdict is None
     referee.watch(5, {"1": at(0.0, 0.0), "2": at(3.0, 0.0), "3": at(3.5, 0.0)})
-    assert referee.collisions == (("1", "2"), ("2", "3"))
+    assert referee.distances.collisions == (("1", "2"), ("2", "3"))
 
 
 def test_the_collision_distance_follows_the_radii_of_the_two():
@@ -67,29 +67,29 @@ def test_the_collision_distance_follows_the_radii_of_the_two():
     robots = [small.robots[0].model_copy(update={"radius_m": 0.2}), small.robots[1]]
     referee = Referee(small.model_copy(update={"robots": robots}))
     referee.watch(0, {"1": at(0.0, 0.0), "2": at(0.7, 0.0)})
-    assert referee.collisions == ()
+    assert referee.distances.collisions == ()
     referee.watch(1, {"1": at(0.0, 0.0), "2": at(0.69, 0.0)})
-    assert referee.collisions == (("1", "2"),)
+    assert referee.distances.collisions == (("1", "2"),)
 
 
 def test_the_smallest_distance_of_any_two_centres_is_kept():
     referee = Referee(lanes(3))
     for step, x in enumerate((5.0, 3.0, 4.0)):
         referee.watch(step, {"1": at(0.0, 0.0), "2": at(x, 4.0), "3": at(-8.0, 0.0)})
-    assert referee.minimum_distance_m == pytest.approx(5.0)
+    assert referee.distances.minimum_distance_m == pytest.approx(5.0)
 
 
 def test_one_robot_alone_has_no_smallest_distance():
     referee = Referee(lanes(1))
     referee.watch(0, {"1": at(0.0, 0.0)})
-    assert referee.minimum_distance_m is None
+    assert referee.distances.minimum_distance_m is None
 
 
 def test_the_driven_way_is_the_length_of_the_path():
     referee = Referee(lanes(2))
     for step, (x, y) in enumerate(((0.0, 0.0), (0.3, 0.4), (0.0, 0.0), (0.0, 0.25))):
         referee.watch(step, {"1": at(x, y), "2": at(9.0, 9.0)})
-    assert referee.driven_m == {"1": pytest.approx(1.25), "2": 0.0}
+    assert referee.distances.driven_m == {"1": pytest.approx(1.25), "2": 0.0}
 
 
 def test_five_seconds_without_movement_are_a_deadlock_and_less_are_not():

@@ -1,0 +1,101 @@
+"""From odometry to a state in the frame of the area."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from ros2_helpers import diagonal, odometry_bytes, settings
+
+from protocol.arrival import wrap_angle
+from protocol.messages import Accuracy
+from world.ros2.cdr import decode_odometry
+from world.ros2.reading import OdometryError, reading_of
+
+places = st.floats(-1e4, 1e4)
+angles = st.floats(-3.1, 3.1)
+
+
+def read(*values, robot=None, **fields):
+    odometry = decode_odometry(odometry_bytes(*values, **fields))
+    return reading_of(odometry, settings(1, robot=robot).robots[0])
+
+
+@given(x_m=places, y_m=places, heading_rad=angles, speed_mps=st.floats(-5.0, 5.0))
+def test_without_an_origin_the_frame_of_odometry_is_that_of_the_area(x_m, y_m, heading_rad, speed_mps):
+    found = read(x_m, y_m, heading_rad, speed_mps, 0.25, stamp_ns=7)
+    assert found.state == pytest.approx((x_m, y_m, heading_rad, speed_mps))
+    assert (found.turn_rate_radps, found.stamp_ns) == (0.25, 7)
+
+
+@given(x_m=places, y_m=places, heading_rad=angles, turned=angles, off_x_m=places, off_y_m=places)
+def test_an_origin_moves_and_turns(x_m, y_m, heading_rad, turned, off_x_m, off_y_m):
+    origin = {"x_m": off_x_m, "y_m": off_y_m, "heading_rad": turned}
+    found = read(x_m, y_m, heading_rad, 1.5, robot={"origin": origin}).state
+    moved = complex(off_x_m, off_y_m) + complex(x_m, y_m) * complex(math.cos(turned), math.sin(turned))
+    assert (found.x_m, found.y_m) == pytest.approx((moved.real, moved.imag), abs=1e-6)
+    assert wrap_angle(found.heading_rad - heading_rad - turned) == pytest.approx(0.0, abs=1e-9)
+    assert found.speed_mps == 1.5
+
+
+@given(st.tuples(angles, st.floats(-1.4, 1.4), angles))
+def test_the_heading_is_the_rotation_about_z_of_a_tilted_robot_too(angles_rad):
+    yaw, pitch, roll = angles_rad
+    (cy, sy), (cp, sp), (cr, sr) = ((math.cos(a / 2), math.sin(a / 2)) for a in (yaw, pitch, roll))
+    quaternion = (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )
+    for sign in (1.0, -1.0):  # both mean the same rotation
+        found = read(orientation=tuple(sign * part for part in quaternion)).state.heading_rad
+        assert wrap_angle(found - yaw) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_slightly_unnormalised_quaternion_is_normalised():
+    turned = tuple(1.005 * part for part in (0.0, 0.0, math.sin(0.4), math.cos(0.4)))
+    assert read(orientation=turned).state.heading_rad == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason", "detail"),
+    [
+        ({"x_m": math.nan}, "not finite", "not a finite number"),
+        ({"y_m": math.inf}, "not finite", "not a finite number"),
+        ({"speed_mps": -math.inf}, "not finite", "not a finite number"),
+        ({"turn_rate_radps": math.nan}, "not finite", "not a finite number"),
+        ({"orientation": (0.0, 0.0, math.nan, 1.0)}, "not finite", "not a finite number"),
+        ({"orientation": (0.0, 0.0, 0.0, 0.0)}, "no rotation", "norm 0 found, 1 is expected"),
+        ({"orientation": (0.0, 0.0, 1.0, 1.0)}, "no rotation", "norm 1.41421 found"),
+        ({"x_m": 2e5}, "out of range", "200000"),
+        ({"y_m": -1e300}, "out of range", "-1e+300"),
+        ({"speed_mps": 1001.0}, "out of range", "1001 m/s"),
+        ({"turn_rate_radps": -1e9}, "out of range", "-1e+09 rad/s"),
+        ({"frame_id": "map"}, "in another frame", "'map' found, 'odom' expected"),
+        ({"frame_id": ""}, "in another frame", "'' found"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_with_a_reason(fields, reason, detail):
+    with pytest.raises(OdometryError) as refused:
+        read(**fields)
+    assert refused.value.reason == reason
+    assert detail in str(refused.value)
+
+
+def test_the_frame_can_be_another_one():
+    assert read(1.0, frame_id="map", robot={"frame_id": "map"}).state.x_m == 1.0
+
+
+def test_the_covariance_gives_the_accuracy_and_the_worse_of_two_axes_counts():
+    found = read(
+        pose_covariance=diagonal(x=0.01, y=0.04, z=9.0, yaw=0.0025),
+        twist_covariance=diagonal(x=0.09, y=4.0),
+    )
+    assert found.accuracy.as_tuple() == pytest.approx((0.2, 0.2, 0.05, 0.3))
+
+
+@pytest.mark.parametrize("variance", [0.0, -1.0, math.nan, math.inf, 1e6])
+def test_a_covariance_that_says_nothing_gives_no_accuracy(variance):
+    nothing = diagonal(x=variance, y=variance, yaw=variance)
+    assert read(pose_covariance=nothing, twist_covariance=nothing).accuracy == Accuracy()

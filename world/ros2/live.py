@@ -1,0 +1,139 @@
+"""A world of real robots as a run steps it: it looks at what has come, and says what each is to do."""
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from structlog.typing import FilteringBoundLogger
+
+from protocol.messages import Command, Observation, Refusal, Refusals, Truth
+from world.notices import RefusalNotices
+from world.ros2.cdr import STOP, CdrError, Twist, decode_odometry
+from world.ros2.inbox import Arrival, OdometryInbox
+from world.ros2.reading import OdometryError, Reason
+from world.ros2.world import OdometryWorld
+
+
+class Drives(Protocol):
+    """Where twists go; :class:`world.ros2.bus.Ros` is one."""
+
+    def put(self, robot: str, twist: Twist) -> None:
+        """Tell a robot what to do."""
+
+
+class LiveWorld:
+    """The core between two buses; a :class:`world.run.Steps`.
+
+    At the beginning of each step every robot is told what it is to do should no command come, and with the
+    command, as soon as it comes, what that says: whoever hangs, is already braking when that is noticed.
+
+    Args:
+        core: not yet advanced.
+        inbox: odometry that comes in.
+        drives: where twists go.
+        log: for people.
+        now_s: the clock of the inbox.
+    """
+
+    def __init__(
+        self,
+        core: OdometryWorld,
+        inbox: OdometryInbox,
+        drives: Drives,
+        log: FilteringBoundLogger,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._core = core
+        self._inbox = inbox
+        self._drives = drives
+        self._log = log
+        self._now_s = now_s
+        self._refusals = RefusalNotices[Reason](log, "odometry refused")
+        self._located: set[str] = set()
+
+    @property
+    def step(self) -> int:
+        """The present step."""
+        return self._core.step
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """Ids of all robots."""
+        return self._core.robots
+
+    @property
+    def present(self) -> tuple[str, ...]:
+        """Ids of the robots of which it is known where they are."""
+        return self._core.present
+
+    @property
+    def over(self) -> bool:
+        """Whether the run has been ended."""
+        return self._core.over
+
+    @property
+    def refused_odometry(self) -> dict[str, dict[Reason, int]]:
+        """How much was not taken so far, by robot and reason."""
+        return self._refusals.counts
+
+    def begin(self) -> None:
+        """The first step is now."""
+        self._look()
+        if lost := [robot for robot in self._core.robots if robot not in self._located]:
+            self._log.warning("no odometry yet: not driven and not seen", robots=", ".join(lost))
+
+    def observations(self) -> Mapping[str, Observation]:
+        """What each robot is told of the present step."""
+        return self._core.observations()
+
+    def refusal(self, robot: str, command: Command) -> Refusal | None:
+        """Why a command that came from this robot does not answer the present step, None if it does."""
+        return self._core.refusal(robot, command)
+
+    def heed(self, robot: str, command: Command) -> None:
+        """A command of the present step has come and been taken."""
+        self._drives.put(robot, self._core.twist(robot, command))
+
+    def advance(self, commands: Mapping[str, Command]) -> None:
+        """The next step is now."""
+        self._core.advance(commands)
+        self._look()
+
+    def interrupt(self) -> None:
+        """End the run."""
+        self._core.interrupt()
+
+    def truth(self, refused: Refusals | None = None) -> Truth:
+        """What the bench is told of the present step."""
+        return self._core.truth(refused)
+
+    def stop(self) -> None:
+        """Tell every robot to stand."""
+        for robot in self._core.robots:
+            self._drives.put(robot, STOP)
+
+    def _look(self) -> None:
+        for arrival in self._inbox.take():
+            self._take(arrival)
+        self._core.look(self._now_s())
+        self._tell_changes()
+        for robot in self._core.robots:
+            self._drives.put(robot, self._core.twist(robot))
+
+    def _take(self, arrival: Arrival) -> None:
+        robot, payload, arrived_s = arrival
+        try:
+            self._core.take(robot, decode_odometry(payload), arrived_s)
+        except CdrError as error:
+            self._refusals.add(robot, "not an Odometry message", str(error))
+        except OdometryError as error:
+            self._refusals.add(robot, error.reason, str(error))
+
+    def _tell_changes(self) -> None:
+        located = set(self._core.present)
+        for robot in self._core.robots:
+            if robot in self._located - located:
+                self._log.warning("odometry lost: the robot is stopped", robot=robot, step=self._core.step)
+            elif robot in located - self._located:
+                self._log.info("odometry found", robot=robot, step=self._core.step)
+        self._located = located
