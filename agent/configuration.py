@@ -29,6 +29,7 @@ class Configuration(Settings):
     solver: SolverName | None = None
     iterations: Annotated[int, Field(ge=1)] | None = None
     budget_ms: Annotated[float, Field(ge=0)] | None = None
+    watch_port: Annotated[int, Field(ge=0, le=65535)] | None = None
     robots: Annotated[int, Field(ge=1, le=MAX_ROBOTS)] | None = None
 
 

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
-import agent
 from agent.checking.findings import Finding
 from protocol.device_keys import date_text
 
@@ -32,7 +31,7 @@ def is_synchronised() -> bool | None:
 
 def installed_at() -> datetime:
     """When the software came to this device, as its files tell."""
-    return datetime.fromtimestamp(Path(agent.__file__).stat().st_mtime, UTC)
+    return datetime.fromtimestamp(Path(__file__).stat().st_mtime, UTC)
 
 
 def check_wall_clock(now: datetime, installed: datetime, synchronised: bool | None) -> Finding:
