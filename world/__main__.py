@@ -7,8 +7,6 @@ import typer
 from protocol.logs import log_to_journal
 from protocol.scenario_file import ScenarioError, load_scenario
 from protocol.signals import end_with_parent
-from protocol.watch_port import HELP as WATCH_PORT_HELP
-from protocol.watch_port import VARIABLE as WATCH_PORT
 from protocol.watch_port import WatchPortError
 from scenarios import find
 from world.access import Access, AccessError
@@ -19,6 +17,7 @@ from world.options import (
     RunOption,
     StartTimeoutOption,
     UsersOption,
+    WatchPortOption,
     seconds,
 )
 from world.process import ClockKind, EndpointError, ExitStatus, WorldOptions, run_world
@@ -70,10 +69,7 @@ def main(
             help="Seconds to wait for the commands of one step in lock-step.",
         ),
     ] = 120.0,
-    watch_port: Annotated[
-        int | None,
-        typer.Option(envvar=WATCH_PORT, min=0, max=65535, help=WATCH_PORT_HELP, show_default="none"),
-    ] = None,
+    watch_port: WatchPortOption = None,
 ) -> None:
     """Simulate and referee one run.
 

@@ -6,6 +6,8 @@ from typing import Annotated
 import typer
 
 from protocol.keys import NAME_RULE, checked_name
+from protocol.watch_port import HELP as WATCH_PORT_HELP
+from protocol.watch_port import VARIABLE as WATCH_PORT
 
 LONGEST_WAIT_S = 86_400.0
 
@@ -70,4 +72,8 @@ StartTimeoutOption = Annotated[
         callback=seconds,
         help="Seconds to wait for all robots at the start.",
     ),
+]
+WatchPortOption = Annotated[
+    int | None,
+    typer.Option(envvar=WATCH_PORT, min=0, max=65535, help=WATCH_PORT_HELP, show_default="none"),
 ]

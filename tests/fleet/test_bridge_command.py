@@ -10,7 +10,7 @@ from ros2_helpers import bridge_file
 from typer.testing import CliRunner
 
 from fleet.cli import app
-from protocol.scenario_file import load_as
+from protocol.yaml_file import read_as
 from world.ros2.settings import Ros2Bridge
 
 ROOT = Path(__file__).parents[2]
@@ -25,14 +25,14 @@ def test_help_tells_what_it_does_and_how_it_ends() -> None:
     assert told.exit_code == 0
     assert "Exit status: 0 stopped" in told.stdout
     listed = set(re.findall(r"--([a-z-]+) ", told.stdout)) - {"help"}
-    assert listed == {"listen", "users", "keys", "insecure", "run", "start-timeout"}
+    assert listed == {"listen", "users", "keys", "insecure", "run", "start-timeout", "watch-port"}
     for option in listed:
         assert f"[env var: UNSPOKEN_{option.upper().replace('-', '_')}]" in told.stdout
 
 
 def test_the_file_of_the_docs_is_valid_and_shows_every_default() -> None:
     path = ROOT / "docs" / "bridge.yaml"
-    shown = load_as(path, Ros2Bridge, "file of a bridge")
+    shown = read_as(path, Ros2Bridge, "file of a bridge")
     rules = Ros2Bridge.model_validate(bridge_file(1)).model_dump(exclude={"robots"})
     assert shown.model_dump(exclude={"robots"}) == rules
     written = yaml.safe_load(path.read_text())

@@ -5,8 +5,10 @@ from typing import Annotated
 
 import typer
 
-from protocol.scenario_file import ScenarioError, load_as
+from protocol.logs import log_to_journal
 from protocol.signals import end_with_parent
+from protocol.watch_port import WatchPortError
+from protocol.yaml_file import YamlFileError, read_as
 from world.access import Access, AccessError
 from world.options import (
     InsecureOption,
@@ -15,6 +17,7 @@ from world.options import (
     RunOption,
     StartTimeoutOption,
     UsersOption,
+    WatchPortOption,
 )
 from world.process import EndpointError, ExitStatus
 from world.ros2.process import BridgeOptions, run_bridge
@@ -37,25 +40,28 @@ def main(
     insecure: InsecureOption = False,
     run: RunOption = "run",
     start_timeout: StartTimeoutOption = 60.0,
+    watch_port: WatchPortOption = None,
 ) -> None:
     """Drive real robots: poses from ROS 2 odometry to the agents, their commands to ROS 2 as twists.
 
     It takes the place of a world until stopped by SIGINT or SIGTERM, and then tells all robots to stand.
 
     Exit status: 0 stopped, 2 wrong usage, file, passwords or keys, 3 agents were missing at the start or an
-    endpoint cannot be used.
+    endpoint or the watch port cannot be used.
     """
     end_with_parent()
+    log_to_journal()
     try:
-        settings = load_as(file, Ros2Bridge, "file of a bridge")
-        run_bridge(BridgeOptions(settings, Access(listen, users, keys, insecure), run, start_timeout))
-    except ScenarioError as error:
+        settings = read_as(file, Ros2Bridge, "file of a bridge")
+        access = Access(listen, users, keys, insecure)
+        run_bridge(BridgeOptions(settings, access, run, start_timeout, watch_port))
+    except YamlFileError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(ExitStatus.WRONG_USAGE) from None
     except AccessError as error:
         typer.echo(f"bridge: {error}", err=True)
         raise typer.Exit(ExitStatus.WRONG_USAGE) from None
-    except (EndpointError, RobotsMissingError) as error:
+    except (EndpointError, RobotsMissingError, WatchPortError) as error:
         typer.echo(f"bridge: {error}", err=True)
         raise typer.Exit(ExitStatus.FAILED) from None
 

@@ -14,6 +14,7 @@ from protocol.signals import on_wish_to_end
 from world.access import Access, most_sessions
 from world.bus import Bus
 from world.clock import RealTime
+from world.health import WorldHealth, watched
 from world.inbox import Inbox
 from world.process import FAREWELL_S, EndpointError, open_session
 from world.ros2.bus import Opened, Ros, open_client
@@ -32,6 +33,8 @@ class BridgeOptions:
     access: Access
     run: str
     start_timeout_s: float
+    watch_port: int | None = None
+    """None: nobody watches."""
 
 
 def run_bridge(options: BridgeOptions) -> None:
@@ -41,10 +44,12 @@ def run_bridge(options: BridgeOptions) -> None:
         AccessError: who may connect is not said as it must be.
         EndpointError: an endpoint cannot be used.
         RobotsMissingError: agents were missing at the start.
+        WatchPortError: the watch port cannot be used.
     """
     log = structlog.get_logger("bridge")
     settings, keys, epoch = options.settings, Keys(options.run), secrets.randbits(63)
     core = OdometryWorld(settings, epoch=epoch)
+    health = WorldHealth(core.robots)
     inbox, odometry, opened = Inbox(core.robots), OdometryInbox(core.robots), Opened()
 
     def end() -> None:
@@ -55,10 +60,12 @@ def run_bridge(options: BridgeOptions) -> None:
     agents = options.access.session(keys, core.robots, log)
     receive_on_threads(most_sessions(core.robots) + 1)
     with ExitStack() as stack:
+        stack.enter_context(watched(health, options.watch_port))
         session = stack.enter_context(open_session(options.access.listen, agents))
         stack.enter_context(closing(inbox))
         log.info("waiting for the side of ROS", connect=settings.connect)
-        ros_session = _open_ros(settings.connect, opened, log)
+        health.wants(f"it waits for the side of ROS at {settings.connect}")
+        ros_session = _open_ros(settings.connect, opened, log, health)
         if ros_session is None:
             return
         ros = Ros(stack.enter_context(ros_session), settings, odometry)
@@ -74,20 +81,22 @@ def run_bridge(options: BridgeOptions) -> None:
             run=options.run,
             epoch=epoch,
         )
-        run = Run(world, RealTime(settings.step_s), inbox, bus, log, heed=world.heed)
+        health.up()
+        run = Run(world, RealTime(settings.step_s), inbox, bus, log, health, heed=world.heed)
         run.wait_for_robots(options.start_timeout_s)
         world.begin()
         run.drive()
+        health.ends()
         world.stop()
         log.info("robots stopped", refused_odometry=world.refused_odometry)
         bus.wait_for_readers(FAREWELL_S)
 
 
 def _open_ros(
-    connect: str, opened: Opened, log: structlog.typing.FilteringBoundLogger
+    connect: str, opened: Opened, log: structlog.typing.FilteringBoundLogger, health: WorldHealth
 ) -> zenoh.Session | None:
     try:
-        return open_client(connect, opened, log)
+        return open_client(connect, opened, log, health.beat)
     except zenoh.ZError as error:
         raise EndpointError(
             f"the endpoint {connect} of the side of ROS cannot be used: {reason_of(error)}; that of its "
