@@ -31,6 +31,7 @@ ENVIRONMENT = {
         "await-reader",
         "start-timeout",
         "answer-timeout",
+        "watch-port",
     ),
     "agent": (
         "robot",
@@ -43,6 +44,7 @@ ENVIRONMENT = {
         "solver",
         "iterations",
         "budget-ms",
+        "watch-port",
     ),
 }
 BLIND = {"dropout": 1.0}
