@@ -24,7 +24,7 @@ class Logins:
         passwords = new_passwords([BENCH_NAME, *robots])
         write_users(self._users, passwords)
         self.bench = Login(BENCH_NAME, passwords.pop(BENCH_NAME))
-        self.bench_file: Path | None = directory / "bench.password"
+        self.bench_file: Path | None = directory / f"{BENCH_NAME}.password"
         write_password(self.bench_file, self.bench.password)
         self._passwords = passwords
         self._files = {robot: directory / f"{robot}.password" for robot in passwords}

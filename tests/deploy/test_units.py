@@ -16,7 +16,7 @@ import typer
 
 import agent.__main__
 import world.__main__
-from fleet.cli import app
+from agent.cli import app
 from protocol.device_keys import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE
 from protocol.service_manager import LONGEST_START_S
 from protocol.vital_signs import LONGEST_SILENCE_S
@@ -139,7 +139,7 @@ def test_the_commands_that_are_started_exist():
 
 @pytest.mark.parametrize(("name", "main"), [(NAMES[0], agent.__main__.main), (NAMES[1], world.__main__.main)])
 def test_each_process_is_told_what_it_knows(name, main):
-    told = set(environment(name)) - {"XDG_CACHE_HOME", "UNSPOKEN_CONFIG"}
+    told = set(environment(name)) - {"XDG_CACHE_HOME"}
     assert told <= command_line(main)
 
 

@@ -17,7 +17,7 @@ def test_passwords_show_up_nowhere_but_in_files_of_their_owner(tmp_path, bench):
     secrets = [line.partition(":")[2] for line in (folder / "users").read_text().splitlines()]
     assert len(set(secrets)) == 3
     files = [folder / "users", *folder.glob("*.password")]
-    assert len(files) == 3
+    assert len(files) == 4  # of the world, the bench and two robots
     assert {path.stat().st_mode & 0o777 for path in files} == {0o600}
     assert folder.stat().st_mode & 0o777 == 0o700
     children = run.children()
