@@ -3,7 +3,6 @@
 import re
 from datetime import datetime
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -28,6 +27,7 @@ from fleet.suites.command import app as scenarios
 from fleet.supervision import Restart
 from fleet.trials.command import faults
 from protocol.scenario_file import ScenarioError
+from protocol.version import version_text
 from world.process import ClockKind, ExitStatus
 
 app = typer.Typer(
@@ -166,7 +166,7 @@ app.command("replay")(replay)
 
 def _tell_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"unspoken {version('unspoken')}")
+        typer.echo(version_text())
         raise typer.Exit
 
 
