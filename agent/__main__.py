@@ -9,6 +9,7 @@ import typer
 import zenoh
 
 from agent.estimation import DEFAULT_GOALS, GoalsName
+from agent.health import RobotHealth, watched
 from agent.orca import is_available
 from agent.process import MakeAgent, RobotOptions, RobotProcess, SceneError, make_agent
 from agent.solver import ITERATIONS, SolverName
@@ -17,9 +18,13 @@ from protocol.codec import MessageError
 from protocol.device_keys import DeviceKeys
 from protocol.identity import IdentityError, client_identity
 from protocol.keys import checked_name
+from protocol.logs import log_to_journal
 from protocol.scene import Goal
 from protocol.session import reason_of
 from protocol.signals import end_with_parent, on_wish_to_end
+from protocol.watch_port import HELP as WATCH_PORT_HELP
+from protocol.watch_port import VARIABLE as WATCH_PORT
+from protocol.watch_port import WatchPortError
 
 WRONG_USAGE = 2
 FAILED = 3
@@ -149,11 +154,15 @@ def main(
             show_default="none, so that decisions do not depend on the clock",
         ),
     ] = None,
+    watch_port: Annotated[
+        int | None,
+        typer.Option(envvar=WATCH_PORT, min=0, max=65535, help=WATCH_PORT_HELP, show_default="none"),
+    ] = None,
 ) -> None:
     """Be one robot: wait for a world, drive to the goal, until stopped by SIGINT or SIGTERM.
 
     Exit status: 0 stopped, 2 wrong usage, password or keys, 3 the world does not fit this robot or
-    cannot be reached at all, or there is no place for the compiled solver.
+    cannot be reached at all, or there is no place for the compiled solver, or the watch port is taken.
     """
     run_robot(
         make_agent,
@@ -167,6 +176,7 @@ def main(
         solver=solver,
         iterations=iterations,
         budget_ms=budget_ms,
+        watch_port=watch_port,
     )
 
 
@@ -183,6 +193,7 @@ def run_robot(
     solver: SolverName,
     iterations: int,
     budget_ms: float | None,
+    watch_port: int | None,
 ) -> None:
     """Be one robot with a mind of this make; the options are those of the command line.
 
@@ -190,6 +201,7 @@ def run_robot(
         typer.Exit: the robot has failed; why was told.
     """
     end_with_parent()
+    log_to_journal()
     budget_s = None if budget_ms is None else budget_ms / 1000.0
     try:
         now = datetime.now(UTC)
@@ -202,11 +214,13 @@ def run_robot(
     )
     if isinstance(identity, DeviceKeys) and (warning := identity.warning(now)):
         typer.echo(f"robot {robot}: {warning}", err=True)
-    process = RobotProcess(options, make_agent)
+    health = RobotHealth(robot, options.goal)
+    process = RobotProcess(options, make_agent, health)
     on_wish_to_end(process.stop)
     try:
-        process.run()
-    except (SceneError, MessageError, CompilingError) as error:
+        with watched(health, watch_port):
+            process.run()
+    except (SceneError, MessageError, CompilingError, WatchPortError) as error:
         typer.echo(f"robot {robot}: {error}", err=True)
         raise typer.Exit(FAILED) from None
     except zenoh.ZError as error:

@@ -1,11 +1,13 @@
 """Where a robot's poses wait until it looks: only the newest counts."""
 
-from queue import SimpleQueue
+from collections.abc import Callable
+from queue import Empty, SimpleQueue
 
 from structlog.typing import FilteringBoundLogger
 
 from protocol.codec import MessageError, decode
 from protocol.messages import Observation
+from protocol.vital_signs import BEAT_S
 
 
 class Inbox:
@@ -15,6 +17,9 @@ class Inbox:
 
     Args:
         log: for people.
+
+    Attributes:
+        refused: how many poses were no valid messages.
     """
 
     def __init__(self, log: FilteringBoundLogger) -> None:
@@ -24,6 +29,7 @@ class Inbox:
         self._newest: Observation | None = None
         self._taken: Observation | None = None
         self._closed = False
+        self.refused = 0
 
     def store(self, payload: bytes) -> None:
         """A pose has come."""
@@ -34,13 +40,21 @@ class Inbox:
         self._closed = True
         self._payloads.put(None)
 
-    def next(self) -> Observation | None:
-        """Wait for an observation newer than the last one taken, and take the newest; None once closed."""
+    def next(self, meanwhile: Callable[[], object] = lambda: None) -> Observation | None:
+        """Wait for an observation newer than the last one taken, and take the newest; None once closed.
+
+        Args:
+            meanwhile: called first, and at least every ``BEAT_S`` while nothing comes.
+        """
         while not self._closed:
+            meanwhile()
             if self.has_news():
                 self._taken = self._newest
                 return self._taken
-            self._sort(self._payloads.get())
+            try:
+                self._sort(self._payloads.get(timeout=BEAT_S))
+            except Empty:
+                continue
         return None
 
     def has_news(self) -> bool:
@@ -55,6 +69,7 @@ class Inbox:
         try:
             observation = decode(Observation, payload)
         except MessageError as error:
+            self.refused += 1
             self._log.warning("refused an observation", reason=str(error))
             return
         newest = self._newest

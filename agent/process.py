@@ -13,6 +13,7 @@ from agent.agent import Agent, Decision
 from agent.compiled import forbid_compiling
 from agent.deadline import Deadline
 from agent.estimation import GoalsName
+from agent.health import RobotHealth
 from agent.inbox import Inbox
 from agent.notices import LateDecisions
 from agent.solver import SolverName
@@ -25,6 +26,7 @@ from protocol.messages import Command, Message, Observation, PublicScene
 from protocol.passwords import Login
 from protocol.scene import Goal, Scene
 from protocol.session import client_session, open_in_background
+from protocol.vital_signs import BEAT_S
 
 SCENE_TIMEOUT_S = 1.0
 """After this time without an answer the scene is asked for again."""
@@ -102,11 +104,18 @@ class RobotProcess:
     Args:
         options: what it is told.
         make_agent: makes the robot's mind from these options and the scene of a world.
+        health: where it reports how it is; None for one that nobody looks at.
     """
 
-    def __init__(self, options: RobotOptions, make_agent: MakeAgent = make_agent) -> None:
+    def __init__(
+        self,
+        options: RobotOptions,
+        make_agent: MakeAgent = make_agent,
+        health: RobotHealth | None = None,
+    ) -> None:
         self._options = options
         self._make_agent = make_agent
+        self._health = health or RobotHealth(options.robot, options.goal)
         self._keys = Keys(options.run)
         self._log = structlog.get_logger("agent").bind(robot=options.robot)
         self._inbox = Inbox(self._log)
@@ -142,11 +151,12 @@ class RobotProcess:
             )
             # Presence comes last: it lets the world publish step 0.
             _presence = session.liveliness().declare_token(self._keys.alive(self._options.robot))
-            while (observation := self._inbox.next()) is not None:
+            while (observation := self._inbox.next(self._beat)) is not None:
                 if observation.epoch != epoch:
                     agent, epoch = self._join(session, agent, epoch)
                 if agent is not None and observation.epoch == epoch:
                     self._answer(session, agent, observation)
+            self._health.ends()
         self._log.info("stopped", late_decisions=self._late.count)
 
     def _connect(self) -> zenoh.Session | None:
@@ -154,7 +164,10 @@ class RobotProcess:
         self._log.info("waiting for the world", connect=self._options.connect, run=self._options.run)
         settings = client_session(self._options.connect, self._options.identity)
         open_in_background(settings, self._opened.put)
+        self._health.wants("it loads the solver, or compiles it")
+        self._health.beat()
         self._get_ready()
+        self._health.wants(f"it waits for a world at {self._options.connect}")
         session = self._await_session()
         if isinstance(session, zenoh.ZError):
             raise session
@@ -162,10 +175,15 @@ class RobotProcess:
 
     def _await_session(self) -> zenoh.Session | zenoh.ZError | None:
         """What the opening came to; Zenoh does not tell a world that is not there from one that refuses."""
+        told_s = time.monotonic()
         while True:
+            self._health.beat()
             try:
-                return self._opened.get(timeout=PATIENCE_S)
+                return self._opened.get(timeout=BEAT_S)
             except Empty:
+                if time.monotonic() - told_s < PATIENCE_S:
+                    continue
+                told_s += PATIENCE_S
                 self._log.warning(
                     "still waiting: there is no world at this endpoint, or it refuses this robot",
                     connect=self._options.connect,
@@ -174,7 +192,7 @@ class RobotProcess:
 
     def _get_ready(self) -> None:
         """Have everything compiled and loaded: later, there is no time for it."""
-        if compile_in_background(unwanted=lambda: self._stopped):
+        if compile_in_background(unwanted=self._is_stopped):
             duration_s = warm_up(self._options.goals, self._options.solver)
             forbid_compiling()
             self._log.info("ready to decide", loaded_in_s=round(duration_s, 2))
@@ -186,16 +204,28 @@ class RobotProcess:
 
         Where the world is still that of the present epoch, only a pose was wrong, and nothing begins anew.
         """
-        while not self._stopped:
+        while not self._is_stopped():
             for reply in session.get(self._keys.scene, timeout=SCENE_TIMEOUT_S):
                 if reply.ok is not None:
                     public = decode(PublicScene, reply.ok.payload.to_bytes())
                     if public.epoch == epoch:
                         return agent, epoch
                     self._log.info("joined", epoch=public.epoch, robots=len(public.scene.robots))
-                    return self._agent(public.scene), public.epoch
+                    mind = self._agent(public.scene)
+                    self._health.joined(len(public.scene.robots))
+                    return mind, public.epoch
             time.sleep(SCENE_PAUSE_S)
         return None, None
+
+    def _beat(self) -> None:
+        """A sign of life, by the loop itself."""
+        self._health.refused = self._inbox.refused
+        self._health.beat()
+
+    def _is_stopped(self) -> bool:
+        """Asked again and again by what waits, which so gives signs of life."""
+        self._health.beat()
+        return self._stopped
 
     def _agent(self, scene: Scene) -> Decides:
         options = self._options
@@ -215,15 +245,19 @@ class RobotProcess:
         The mind goes first, so that it is recorded before the step can end. It goes even when it is too late
         for the command: the record is to show what took so long.
         """
+        self._health.observed(observation)
         decision = agent.decide(observation)
         if decision is None:
+            self._health.withheld += 1
             nothing = Command.withheld_at(observation.epoch, self._options.robot, observation.step)
             self._put(session, self._keys.command(self._options.robot), nothing)
             return
+        self._health.decided(decision.mind)
         self._put(session, self._keys.mind(self._options.robot), decision.mind)
         if self._inbox.has_news():
             agent.withdraw()
             self._late.add(observation.step)
+            self._health.late = self._late.count
         else:
             self._put(session, self._keys.command(self._options.robot), decision.command)
         if decision.mind.failed:

@@ -6,8 +6,12 @@ from typing import Annotated
 import typer
 
 from protocol.keys import NAME_RULE, checked_name
+from protocol.logs import log_to_journal
 from protocol.scenario_file import ScenarioError, load_scenario
 from protocol.signals import end_with_parent
+from protocol.watch_port import HELP as WATCH_PORT_HELP
+from protocol.watch_port import VARIABLE as WATCH_PORT
+from protocol.watch_port import WatchPortError
 from scenarios import find
 from world.access import Access, AccessError
 from world.process import ClockKind, EndpointError, ExitStatus, WorldOptions, run_world
@@ -111,13 +115,19 @@ def main(
             help="Seconds to wait for the commands of one step in lock-step.",
         ),
     ] = 120.0,
+    watch_port: Annotated[
+        int | None,
+        typer.Option(envvar=WATCH_PORT, min=0, max=65535, help=WATCH_PORT_HELP, show_default="none"),
+    ] = None,
 ) -> None:
     """Simulate and referee one run.
 
     Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage, scenario,
-    passwords or keys, 3 robots were missing at the start or the endpoint could not be opened.
+    passwords or keys, 3 robots were missing at the start, or the endpoint or the watch port could not be
+    opened.
     """
     end_with_parent()
+    log_to_journal()
     try:
         loaded = load_scenario(find(scenario))
     except ScenarioError as error:
@@ -125,14 +135,23 @@ def main(
         raise typer.Exit(ExitStatus.WRONG_USAGE) from None
     access = Access(listen, users, keys, insecure)
     options = WorldOptions(
-        loaded, access, run, clock, seed, exchange_goals, await_reader, start_timeout, answer_timeout
+        loaded,
+        access,
+        run,
+        clock,
+        seed,
+        exchange_goals,
+        await_reader,
+        start_timeout,
+        answer_timeout,
+        watch_port,
     )
     try:
         status = run_world(options)
     except AccessError as error:
         typer.echo(f"world: {error}", err=True)
         raise typer.Exit(ExitStatus.WRONG_USAGE) from None
-    except (EndpointError, RobotsMissingError) as error:
+    except (EndpointError, RobotsMissingError, WatchPortError) as error:
         typer.echo(f"world: {error}", err=True)
         raise typer.Exit(ExitStatus.FAILED) from None
     raise typer.Exit(status)

@@ -16,6 +16,7 @@ from protocol.signals import on_wish_to_end
 from world.access import Access, most_sessions
 from world.bus import Bus
 from world.clock import Clock, LockStep, RealTime
+from world.health import WorldHealth, watched
 from world.inbox import Inbox
 from world.run import Run
 from world.world import World
@@ -53,6 +54,7 @@ class WorldOptions:
     await_reader: bool
     start_timeout_s: float
     answer_timeout_s: float
+    watch_port: int | None = None
 
 
 class EndpointError(Exception):
@@ -69,6 +71,7 @@ def run_world(options: WorldOptions) -> ExitStatus:
         AccessError: who may connect is not said as it must be.
         EndpointError: the endpoint cannot be opened.
         RobotsMissingError: robots were missing at the start.
+        WatchPortError: the watch port cannot be used.
     """
     log = structlog.get_logger("world")
     scenario = options.scenario
@@ -77,10 +80,15 @@ def run_world(options: WorldOptions) -> ExitStatus:
     world = World(scenario, seed=options.seed, epoch=epoch)
     scene = PublicScene(epoch=epoch, scene=scenario.scene(with_goals=options.exchange_goals))
     inbox = Inbox(world.robots)
+    health = WorldHealth(world.robots)
     on_wish_to_end(inbox.interrupt)
     settings = options.access.session(keys, world.robots, log)
     receive_on_threads(most_sessions(world.robots))
-    with _open_session(options.access.listen, settings) as session, closing(inbox):
+    with (
+        watched(health, options.watch_port),
+        _open_session(options.access.listen, settings) as session,
+        closing(inbox),
+    ):
         bus = Bus(session, keys, scene, world.robots, inbox)
         log.info(
             "world started",
@@ -93,10 +101,12 @@ def run_world(options: WorldOptions) -> ExitStatus:
             exchange_goals=options.exchange_goals,
             epoch=epoch,
         )
-        run = Run(world, _clock(options), inbox, bus, log)
+        health.up()  # for robots: whoever is started now finds it
+        run = Run(world, _clock(options), inbox, bus, log, health)
         readers = (BENCH_NAME,) if options.await_reader else ()
         run.wait_for_robots(options.start_timeout_s, readers)
         verdict = run.drive().verdict
+        health.ends()
         bus.wait_for_readers(FAREWELL_S)
     return ExitStatus.ARRIVED if verdict == "arrived" else ExitStatus.ENDED_OTHERWISE
 

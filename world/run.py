@@ -8,7 +8,9 @@ from structlog.typing import FilteringBoundLogger
 
 from protocol.keys import BENCH_NAME
 from protocol.messages import Observation, Truth
+from protocol.vital_signs import BEAT_S
 from world.clock import Clock
+from world.health import WorldHealth
 from world.inbox import Arrivals, Inbox
 from world.judge import Judge
 from world.notices import Misses
@@ -45,11 +47,19 @@ class Run:
         inbox: what arrives from the robots.
         bus: where messages go.
         log: for people.
+        health: where it reports how it is; None for one that nobody looks at.
     """
 
     def __init__(
-        self, world: World, clock: Clock, inbox: Inbox, bus: Publishes, log: FilteringBoundLogger
+        self,
+        world: World,
+        clock: Clock,
+        inbox: Inbox,
+        bus: Publishes,
+        log: FilteringBoundLogger,
+        health: WorldHealth | None = None,
     ) -> None:
+        self._health = health or WorldHealth(world.robots)
         self._world = world
         self._clock = clock
         self._inbox = inbox
@@ -78,11 +88,12 @@ class Run:
         awaited = (*self._world.robots, *readers)
         until_s = time.monotonic() + timeout_s
         told = None
-        arrivals = self._inbox.take(0.0)
+        arrivals = self._take(0.0)
         while not arrivals.interrupted and (missing := _missing(awaited, arrivals)):
             strangers = ", ".join(sorted(arrivals.present.difference(awaited, (BENCH_NAME,)))) or None
             if told != (missing, strangers):
                 self._log.info("waiting for robots", missing=missing, not_in_scenario=strangers)
+                self._health.wants(f"it waits for {missing}")
                 told = (missing, strangers)
             remaining_s = until_s - time.monotonic()
             if remaining_s <= 0.0:
@@ -91,11 +102,12 @@ class Run:
                     "published. Start the missing robots with the same run name and the endpoint of this "
                     "world, or allow more time with --start-timeout."
                 )
-            arrivals = self._inbox.take(remaining_s)
+            arrivals = self._take(remaining_s)
         self._present = arrivals.present
         self._interrupted = arrivals.interrupted
         if not self._interrupted:
             self._log.info("all robots present", robots=", ".join(self._world.robots))
+            self._health.works(f"drives {len(self._world.robots)} robots")
 
     def drive(self) -> Truth:
         """Run from step 0 to the end.
@@ -105,8 +117,10 @@ class Run:
         """
         while not self._interrupted and not self._world.over:
             self._begin_step()
+            truth = self._truth()
             self._bus.publish_observations(self._world.observations())
-            self._bus.publish_truth(self._truth())
+            self._bus.publish_truth(truth)
+            self._health.stepped(truth, self._clock.overruns)
             self._gather()
             if not self._interrupted:
                 self._misses.add(robot for robot in self._world.present if self._has_missed(robot))
@@ -114,6 +128,7 @@ class Run:
         self._world.interrupt()
         truth = self._truth()
         self._bus.publish_truth(truth)
+        self._health.stepped(truth, self._clock.overruns)
         self._misses.tell()
         self._log.info(
             "run ended",
@@ -171,14 +186,22 @@ class Run:
                 return
             self._receive(remaining_s)
 
+    def _take(self, timeout_s: float) -> Arrivals:
+        """News, or empty hands after this time or sooner; a sign of life each time."""
+        self._health.beat()
+        arrivals = self._inbox.take(min(timeout_s, BEAT_S))
+        self._health.present = arrivals.present
+        return arrivals
+
     def _receive(self, timeout_s: float) -> None:
-        arrivals = self._inbox.take(timeout_s)
+        arrivals = self._take(timeout_s)
         self._interrupted = arrivals.interrupted
         self._awaited -= arrivals.gone
         self._exhausted = arrivals.exhausted
         self._tell_presence(arrivals)
         for robot, payload in arrivals.commands:
             self._judge.judge(robot, payload)
+        self._health.answered(self._judge.answers)
 
     def _tell_presence(self, arrivals: Arrivals) -> None:
         for robot in self._world.robots:

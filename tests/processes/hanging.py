@@ -1,0 +1,59 @@
+"""``python hanging.py agent|world``: such a process, as started by its own module, that hangs at step 3.
+
+Its loop is then stuck in the middle of a step, while all its other threads go on.
+"""
+
+import functools
+import sys
+import threading
+from typing import Any
+
+import typer
+
+import agent.__main__
+import protocol.vital_signs
+import world.__main__
+from agent.agent import Decision
+from agent.process import Decides, RobotOptions, make_agent
+from protocol.messages import Observation
+from protocol.scene import Scene
+from world.world import World
+
+STEP = 3
+
+
+class Hanging:
+    def __init__(self, mind: Decides) -> None:
+        self._mind = mind
+
+    def decide(self, observation: Observation) -> Decision | None:
+        if observation.step >= STEP:
+            threading.Event().wait()
+        return self._mind.decide(observation)
+
+    def withdraw(self) -> None:
+        self._mind.withdraw()
+
+
+def hanging_agent(options: RobotOptions, scene: Scene) -> Decides:
+    return Hanging(make_agent(options, scene))
+
+
+@functools.wraps(agent.__main__.main)
+def robot(**told: Any) -> None:
+    agent.__main__.run_robot(hanging_agent, **told)
+
+
+class HangingWorld(World):
+    def advance(self, commands: Any) -> Any:
+        if self.step >= STEP:
+            threading.Event().wait()
+        return super().advance(commands)
+
+
+if __name__ == "__main__":
+    what = sys.argv.pop(1)
+    protocol.vital_signs.LONGEST_SILENCE_S = 1.0  # so that the test need not wait for ten
+    if what == "world":
+        sys.modules["world.process"].World = HangingWorld  # type: ignore[attr-defined]
+    typer.run(robot if what == "agent" else world.__main__.main)
