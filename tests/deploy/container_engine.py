@@ -31,7 +31,7 @@ LONGEST_S = 600.0
 _START = """
 mount -t tmpfs tmpfs /run && ip link set lo up && exec dockerd --host "unix://$1/socket" \
     --data-root "$1/data" --exec-root /run/docker --pidfile /run/docker.pid \
-    --dns-opt timeout:1 --dns-opt attempts:1
+    --dns-opt timeout:3 --dns-opt attempts:1
 """
 
 

@@ -5,7 +5,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 
 PORT = 7448
-LONGEST_S = 2.0
+LONGEST_S = 5.0
 
 
 def is_reached(host: str) -> bool:

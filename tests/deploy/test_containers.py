@@ -113,7 +113,8 @@ def check_a_run_to_its_verdict(project: Project) -> None:
         text=True,
     )
     try:
-        project.until(lambda: len(project.docker("ps", "--quiet").split()) == 1 + len(ROBOTS), "nine containers")
+        running = ("ps", "--quiet", "--status", "running")
+        project.until(lambda: len(project.compose(*running).split()) == 1 + len(ROBOTS), "nine containers")
         check_robots_are_kept_apart(project)
         project.until(lambda: all(project.health(each) == "healthy" for each in ("world", *ROBOTS)), "health")
         told, _ = run.communicate(timeout=PATIENCE_S)
@@ -123,6 +124,7 @@ def check_a_run_to_its_verdict(project: Project) -> None:
     assert run.returncode == 0, told
     assert "verdict=arrived" in told
     assert "no policy" not in told
+    project.compose("down")
 
 
 def check_robots_are_kept_apart(project: Project) -> None:
@@ -145,7 +147,7 @@ def check_crash_and_update(project: Project) -> None:
     """One robot crashes and one gets another image while the others drive: the run goes on."""
     project.docker("tag", "unspoken-agent", "unspoken-agent:next")
     project.compose("up", "--detach")
-    project.until(lambda: all(project.joined(robot) for robot in ROBOTS), "all robots")
+    project.until(lambda: "all robots present" in project.docker("logs", "unspoken-world-1"), "the start")
     started = {each: project.inspect(each)["State"]["StartedAt"] for each in ("world", *ROBOTS)}
     project.engine.kill("unspoken-robot-3-1")
     project.compose("up", "--detach", "--no-deps", "robot-5", UNSPOKEN_TAG="next")
