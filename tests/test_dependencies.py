@@ -105,12 +105,16 @@ def own_distribution(folder):
 
 
 @pytest.mark.parametrize(("folder", "packages"), OWN_DISTRIBUTIONS.items())
-def test_a_distribution_of_its_own_needs_what_its_packages_import_in_the_versions_of_the_whole(folder, packages):
+def test_a_distribution_of_its_own_needs_what_its_packages_import_in_the_versions_of_the_whole(
+    folder, packages
+):
     project, _ = own_distribution(folder)
     optional = [text for extra in project.get("optional-dependencies", {}).values() for text in extra]
     assert {*project["dependencies"], *optional} <= set(WITH_EXTRAS)
     imported = set().union(*map(distributions_imported_by, packages)) - PART_OF_ANOTHER
-    assert {canonicalize_name(Requirement(text).name) for text in [*project["dependencies"], *optional]} == imported
+    assert {
+        canonicalize_name(Requirement(text).name) for text in [*project["dependencies"], *optional]
+    } == imported
 
 
 @pytest.mark.parametrize(("folder", "packages"), OWN_DISTRIBUTIONS.items())

@@ -63,9 +63,7 @@ class Engine:
         """What a command of the engine prints; it must succeed."""
         return self.run("docker", *arguments, **options)
 
-    def run(
-        self, *command: object, cwd: Path | None = None, env: Mapping[str, str] | None = None
-    ) -> str:
+    def run(self, *command: object, cwd: Path | None = None, env: Mapping[str, str] | None = None) -> str:
         """What a command that speaks to the engine prints; it must succeed."""
         done = subprocess.run(
             list(map(str, command)),

@@ -30,7 +30,17 @@ def copy_sources(folder: Path) -> Path:
             shutil.copy2(ROOT / name, folder / name)
     subprocess.run(
         [
-            *(sys.executable, "-m", "pip", "download", "--quiet", "--dest", "wheels", "--only-binary", ":all:"),
+            *(
+                sys.executable,
+                "-m",
+                "pip",
+                "download",
+                "--quiet",
+                "--dest",
+                "wheels",
+                "--only-binary",
+                ":all:",
+            ),
             *("--constraint", "constraints.txt", "--python-version", "3.11", "setuptools>=77", "."),
         ],
         cwd=folder,

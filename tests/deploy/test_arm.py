@@ -73,7 +73,9 @@ def test_an_agent_decides_on_arm_as_it_does_here(tmp_path):
         NUMBA_CACHE_DIR=tmp_path / "kernels",
     )
     native = decision((sys.executable,), PYTHONPATH=ROOT)
-    print(f"load {arm['loaded_s']:.1f} s, decision {arm['decision_s']:.3f} s, here {native['decision_s']:.3f} s")
+    print(
+        f"load {arm['loaded_s']:.1f} s, decision {arm['decision_s']:.3f} s, here {native['decision_s']:.3f} s"
+    )
     assert arm["machine"] == "aarch64"
     assert arm["complete"]
     assert arm["failed"] == native["failed"] == []
