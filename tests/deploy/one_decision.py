@@ -1,4 +1,4 @@
-"""A program: get the solver ready as a robot does, decide among four robots, and print the decision as JSON."""
+"""A program: get the solver ready as a robot does, decide among four robots, and print that as JSON."""
 
 import json
 import math

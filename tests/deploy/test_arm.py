@@ -20,6 +20,8 @@ DEBIAN_PYTHON = "3.11"
 PYTHONS = ("3.11", "3.12", "3.13")
 PLATFORMS = ("manylinux_2_28_aarch64", "manylinux_2_17_aarch64", "manylinux2014_aarch64")
 """All that pip is to take: with fewer it silently takes versions of years ago."""
+PROCESSOR = {"QEMU_CPU": "cortex-a72", "NUMBA_CPU_NAME": "generic"}
+"""Such as in a Raspberry Pi 4; compiled as for an image."""
 LONGEST_S = 3000.0
 
 pytestmark = pytest.mark.slow
@@ -71,6 +73,7 @@ def test_an_agent_decides_on_arm_as_it_does_here(tmp_path):
         PYTHONHOME=root / "usr",
         PYTHONPATH=site,
         NUMBA_CACHE_DIR=tmp_path / "kernels",
+        **PROCESSOR,
     )
     native = decision((sys.executable,), PYTHONPATH=ROOT)
     print(

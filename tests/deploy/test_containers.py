@@ -109,7 +109,7 @@ def check_images(project: Project) -> None:
 
 
 def check_a_run_to_its_verdict(project: Project) -> None:
-    """By the command of compose.yaml; before the last robot has come, there is time to see who reaches whom."""
+    """By the command of compose.yaml; the world waits for the last robot while we see who reaches whom."""
     *early, last = ROBOTS
     project.compose("up", "--detach", "world", *early)
     check_robots_are_kept_apart(project, early)
@@ -147,7 +147,7 @@ def check_robots_are_kept_apart(project: Project, robots: Sequence[str]) -> None
 
 
 def check_reach(project: Project, robot: str, robots: Sequence[str]) -> None:
-    """A robot reaches itself and, in their common network, the world; nobody else, and the world nowhere else."""
+    """A robot reaches itself and, in their common network, the world; and nothing else."""
     hosts = [host for each in {"world", robot, *robots} for host in (each, *project.addresses(each))]
     world = project.inspect("world")["NetworkSettings"]["Networks"][f"unspoken_{robot}"]["IPAddress"]
     own = {robot, *project.addresses(robot)}
