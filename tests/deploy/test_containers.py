@@ -76,7 +76,7 @@ def project(tmp_path) -> Iterator[Project]:
     with Engine() as engine:
         import_base(engine, tmp_path / "base")
         project = Project(engine, copy_sources(sources))
-        project.compose("--profile", "keys", "build", **OFFLINE)
+        project.compose("--profile", "keys", "build", "world", "robot-1", "keys", **OFFLINE)
         project.compose("run", "--rm", "keys")
         yield project
         project.compose("down")
