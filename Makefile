@@ -4,6 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 NEEDED = Python 3.11 or newer is needed. Install it, or name the one to use: make … PYTHON=python3.12
+COMPOSE = env -i $(BIN)/docker-compose
 PYTEST = $(BIN)/pytest --numprocesses auto --dist worksteal
 
 .PHONY: help run check test test-slow clean
@@ -15,11 +16,13 @@ help: ## List these targets
 run: $(VENV)/ready ## Run scenario 8a with estimated goals, one process per robot
 	$(BIN)/unspoken run 8a --goals ioc
 
-check: $(VENV)/ready-for-tests ## Format, lint, types and import contracts
+check: $(VENV)/ready-for-tests ## Format, lint, types, import contracts and compose files
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(COMPOSE) --file compose.yaml --env-file /dev/null config --quiet
+	$(COMPOSE) --file compose.robot.yaml --env-file deploy/robot.env.example config --quiet
 
 test: $(VENV)/ready-for-tests ## All tests but the slow ones
 	$(PYTEST) -m "not slow"
@@ -28,7 +31,7 @@ test-slow: $(VENV)/ready-for-tests ## The slow tests
 	$(PYTEST) -m slow
 
 clean: ## Remove the virtual environment and all caches; recorded runs stay
-	rm -rf $(VENV) build dist *.egg-info .hypothesis .mypy_cache .ruff_cache .pytest_cache .import_linter_cache
+	rm -rf $(VENV) build dist *.egg-info deploy/*/build deploy/*/*.egg-info .hypothesis .mypy_cache .ruff_cache .pytest_cache .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -r {} +
 
 # The set-up: done once, and again when a file changes that says what to install.

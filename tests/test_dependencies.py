@@ -17,6 +17,8 @@ PROJECT = tomllib.loads(PYPROJECT)["project"]
 NEEDED_TO_RUN = PROJECT["dependencies"]
 WITH_EXTRAS = NEEDED_TO_RUN + PROJECT["optional-dependencies"]["orca"]
 NEEDED_TO_TEST = WITH_EXTRAS + PROJECT["optional-dependencies"]["dev"]
+OWN_DISTRIBUTIONS = {"agent": ("agent", "protocol"), "world": ("world", "protocol", "scenarios")}
+"""The folders in deploy/ that describe one, and the packages that it carries."""
 PART_OF_ANOTHER = {"pydantic-core"}
 """Not declared: pydantic fixes its version and documents its errors as its own."""
 
@@ -94,3 +96,34 @@ def test_every_imported_distribution_is_declared(package):
 def test_every_declared_dependency_is_imported():
     imported = set().union(*map(distributions_imported_by, PACKAGES))
     assert {canonicalize_name(Requirement(text).name) for text in WITH_EXTRAS} <= imported
+
+
+def own_distribution(folder):
+    """The project and the packages of deploy/<folder>/pyproject.toml."""
+    settings = tomllib.loads((ROOT / "deploy" / folder / "pyproject.toml").read_text())
+    return settings["project"], settings["tool"]["setuptools"]
+
+
+@pytest.mark.parametrize(("folder", "packages"), OWN_DISTRIBUTIONS.items())
+def test_a_distribution_of_its_own_needs_what_its_packages_import_in_the_versions_of_the_whole(
+    folder, packages
+):
+    project, _ = own_distribution(folder)
+    optional = [text for extra in project.get("optional-dependencies", {}).values() for text in extra]
+    assert {*project["dependencies"], *optional} <= set(WITH_EXTRAS)
+    imported = set().union(*map(distributions_imported_by, packages)) - PART_OF_ANOTHER
+    assert {
+        canonicalize_name(Requirement(text).name) for text in [*project["dependencies"], *optional]
+    } == imported
+
+
+@pytest.mark.parametrize(("folder", "packages"), OWN_DISTRIBUTIONS.items())
+def test_a_distribution_of_its_own_is_of_this_version_and_carries_its_packages_whole(folder, packages):
+    project, setuptools = own_distribution(folder)
+    for what in ("version", "requires-python", "license"):
+        assert project[what] == PROJECT[what]
+    all_packages = tomllib.loads(PYPROJECT)["tool"]["setuptools"]["packages"]
+    assert sorted(setuptools["packages"]) == sorted(
+        name for name in all_packages if name.partition(".")[0] in packages
+    )
+    assert setuptools["package-dir"] == {name: f"../../{name}" for name in packages}

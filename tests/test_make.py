@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+CI_RUN = ROOT / ".ci" / "run"
 ENVIRONMENT = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ}
 """Without the variables of a make that runs the tests."""
 
@@ -106,14 +107,15 @@ def continuous_integration(tmp_path):
 
     def run(failing="nothing"):
         calls = tmp_path / "calls"
-        for name in ("make", "python3", "apt-get"):
+        (needed,) = re.findall(r"^needed=\((.*)\)$", CI_RUN.read_text(), re.MULTILINE)
+        for name in {"python3", "apt-get", *needed.split()}:
             stand_in = tmp_path / name
             stand_in.write_text(
                 f'#!/bin/sh\necho "{name} $1" >> "{calls}"\ntest "{name} $1" != "{failing}"\n'
             )
             stand_in.chmod(0o755)
         environment = ENVIRONMENT | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
-        status = subprocess.run(["bash", ROOT / ".ci" / "run"], env=environment, check=False).returncode
+        status = subprocess.run(["bash", CI_RUN], env=environment, check=False).returncode
         return status == 0, calls.read_text().splitlines()
 
     return run
