@@ -97,9 +97,26 @@ def _yaml(fields: dict[str, Any], *, inline: bool) -> str:
     """A map as YAML in one line: with its braces, or as a field of the file."""
     of_maps = any(isinstance(value, dict) for value in fields.values())
     style = True if inline else None if of_maps else False  # PyYAML: None puts the innermost maps into braces
-    return yaml.safe_dump(
-        fields, default_flow_style=style, sort_keys=False, allow_unicode=True, width=math.inf
+    return yaml.dump(
+        fields,
+        Dumper=_Dumper,
+        default_flow_style=style,
+        sort_keys=False,
+        allow_unicode=True,
+        width=math.inf,
     )
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes the control character NEL by its escape: as it is, PyYAML reads another line break back."""
+
+
+_Dumper.add_representer(
+    str,
+    lambda dumper, text: dumper.represent_scalar(
+        "tag:yaml.org,2002:str", text, style='"' if "\x85" in text else None
+    ),
+)
 
 
 def _written(value: Any) -> Any:

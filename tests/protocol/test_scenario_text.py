@@ -52,7 +52,9 @@ def scenarios(draw: st.DrawFn) -> Scenario:
         for place, name in enumerate(names)
     ]
     return Scenario(
-        name=draw(st.text(min_size=1, max_size=64) | st.sampled_from(["8", "1e3", "null", "<<", "=", "- a"])),
+        name=draw(
+            st.text(min_size=1, max_size=64) | st.sampled_from(["8", "1e3", "null", "<<", "=", "- a", "\x85"])
+        ),
         robots=robots,
         step_s=draw(st.floats(0.0, 10.0, exclude_min=True)),
         area=Area(x_max_m=draw(st.floats(100.0, 1e6))),
