@@ -12,12 +12,13 @@ from agent.checking.command import check_device
 from agent.checking.device import Device
 from agent.configuration import options_in
 from agent.estimation import DEFAULT_GOALS, GoalsName
-from agent.health import RobotHealth, watched
+from agent.health import RobotHealth
 from agent.joining import SceneError
 from agent.orca import is_available
 from agent.process import MakeAgent, RobotOptions, RobotProcess, make_agent
 from agent.solver import ITERATIONS, SolverName
 from agent.warm import CompilingError
+from agent.watch import watched
 from protocol.codec import MessageError
 from protocol.device_keys import DeviceKeys
 from protocol.identity import IdentityError, client_identity

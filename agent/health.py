@@ -3,7 +3,6 @@
 import time
 from collections import Counter
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 
 from protocol.durations import Durations
 from protocol.messages import Degradation, Mind, Observation
@@ -82,18 +81,3 @@ class RobotHealth(VitalSigns):
         if decided_s is None or self.now_s() - decided_s <= LONGEST_QUIET_S:
             return None
         return f"no decision for {self.now_s() - decided_s:.0f} s"
-
-
-def watched(health: RobotHealth, port: int | None) -> AbstractContextManager[object]:
-    """Let the process be watched at this port; None: nobody watches.
-
-    Raises:
-        WatchPortError: on entry, the port cannot be used.
-    """
-    if port is None:
-        return nullcontext()
-    # Imported for those only that are watched: it takes 0.1 s.
-    from agent.metrics import RobotMetrics
-    from protocol.watching import watch_port
-
-    return watch_port(RobotMetrics(health), port)

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Collection
-from contextlib import AbstractContextManager, nullcontext
 
 from protocol.durations import Durations
 from protocol.messages import Truth
@@ -50,18 +49,3 @@ class WorldHealth(VitalSigns):
             for robot in set(robots) - self._answered:
                 self.lags[robot].add(self.now_s() - self._begun_s)
                 self._answered.add(robot)
-
-
-def watched(health: WorldHealth, port: int | None) -> AbstractContextManager[object]:
-    """Let the process be watched at this port; None: nobody watches.
-
-    Raises:
-        WatchPortError: on entry, the port cannot be used.
-    """
-    if port is None:
-        return nullcontext()
-    # Imported for those only that are watched: it takes 0.1 s.
-    from protocol.watching import watch_port
-    from world.metrics import WorldMetrics
-
-    return watch_port(WorldMetrics(health), port)

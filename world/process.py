@@ -16,9 +16,10 @@ from protocol.signals import on_wish_to_end
 from world.access import Access, most_sessions
 from world.bus import Bus
 from world.clock import Clock, LockStep, RealTime
-from world.health import WorldHealth, watched
+from world.health import WorldHealth
 from world.inbox import Inbox
 from world.run import Run
+from world.watch import watched
 from world.world import World
 
 FAREWELL_S = 3.0

@@ -14,7 +14,7 @@ from protocol.signals import on_wish_to_end
 from world.access import Access, most_sessions
 from world.bus import Bus
 from world.clock import RealTime
-from world.health import WorldHealth, watched
+from world.health import WorldHealth
 from world.inbox import Inbox
 from world.process import FAREWELL_S, EndpointError, open_session
 from world.ros2.bus import Opened, Ros, open_client
@@ -23,6 +23,7 @@ from world.ros2.live import LiveWorld
 from world.ros2.settings import Ros2Bridge
 from world.ros2.world import OdometryWorld
 from world.run import Run
+from world.watch import watched
 
 
 @dataclass(frozen=True)

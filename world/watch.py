@@ -1,0 +1,20 @@
+"""Whether and where this process can be watched."""
+
+from contextlib import AbstractContextManager, nullcontext
+
+from world.health import WorldHealth
+
+
+def watched(health: WorldHealth, port: int | None) -> AbstractContextManager[object]:
+    """Let the process be watched at this port; None: nobody watches.
+
+    Raises:
+        WatchPortError: on entry, the port cannot be used.
+    """
+    if port is None:
+        return nullcontext()
+    # Imported for those only that are watched: it takes 0.1 s.
+    from protocol.watching import watch_port
+    from world.metrics import WorldMetrics
+
+    return watch_port(WorldMetrics(health), port)
