@@ -25,10 +25,11 @@ check: $(VENV)/ready-for-tests ## Format, lint, types, import contracts and comp
 	$(COMPOSE) --file compose.robot.yaml --env-file deploy/robot.env.example config --quiet
 
 test: $(VENV)/ready-for-tests ## All tests but the slow ones
-	$(PYTEST) -m "not slow"
+	$(PYTEST) -m "not slow and not alone"
 
 test-slow: $(VENV)/ready-for-tests ## The slow tests
 	$(PYTEST) -m slow
+	$(BIN)/pytest -m alone
 
 clean: ## Remove the virtual environment and all caches; recorded runs stay
 	rm -rf $(VENV) build dist *.egg-info deploy/*/build deploy/*/*.egg-info .hypothesis .mypy_cache .ruff_cache .pytest_cache .import_linter_cache

@@ -9,9 +9,9 @@ import numpy as np
 
 import agent.process  # what a robot's process imports
 from agent.agent import Agent
-from agent.compiled import forbid_compiling, is_complete
+from agent.compiled import forbid_compiling
+from agent.estimation import DEFAULT_GOALS
 from agent.vehicle import rollout
-from agent.warm import main as compile_all
 from agent.warm import warm_up
 from protocol.messages import Observation, State
 from protocol.scene import Goal, PublicRobot, Scene
@@ -44,11 +44,10 @@ def observations() -> list[Observation]:
 
 
 def main() -> None:
-    """Compile what is not compiled, load it, and decide without compiling anything more."""
-    compile_all()
-    loaded_s = warm_up("ioc", "realtime")
+    """Compile what a robot needs that is told nothing else, and decide without compiling anything more."""
+    compiled_s = warm_up(DEFAULT_GOALS, "realtime")
     forbid_compiling()
-    robot = Agent("1", GOAL, SCENE, goals="ioc", solver="realtime", clock=time.perf_counter)
+    robot = Agent("1", GOAL, SCENE, goals=DEFAULT_GOALS, solver="realtime", clock=time.perf_counter)
     for observation in observations():
         begin_s = time.perf_counter()
         decision = robot.decide(observation)
@@ -57,8 +56,7 @@ def main() -> None:
     told = {
         "machine": platform.machine(),
         "process": agent.process.__name__,
-        "complete": is_complete(),
-        "loaded_s": loaded_s,
+        "compiled_s": compiled_s,
         "decision_s": decision_s,
         "failed": mind.failed,
         "command": [command.turn_rate_radps, command.acceleration_mps2],

@@ -66,7 +66,7 @@ def test_an_agent_decides_on_arm_as_it_does_here(tmp_path):
     need({EMULATOR: "qemu-user-static"} | debian_packages.COMMANDS)
     root = debian_packages.unpack(tmp_path / "debian", "arm64", f"python{DEBIAN_PYTHON}", "libstdc++6")
     site = tmp_path / "site"
-    pip("--no-compile", "--target", site, DISTRIBUTION, python=DEBIAN_PYTHON)
+    pip("--target", site, DISTRIBUTION, python=DEBIAN_PYTHON)
     python = root / "usr" / "bin" / f"python{DEBIAN_PYTHON}"
     arm = decision(
         (EMULATOR, "-L", root, python),
@@ -77,10 +77,9 @@ def test_an_agent_decides_on_arm_as_it_does_here(tmp_path):
     )
     native = decision((sys.executable,), PYTHONPATH=ROOT)
     print(
-        f"load {arm['loaded_s']:.1f} s, decision {arm['decision_s']:.3f} s, here {native['decision_s']:.3f} s"
+        f"compiled in {arm['compiled_s']:.0f} s, decision {arm['decision_s']:.3f} s, here {native['decision_s']:.3f} s"
     )
     assert arm["machine"] == "aarch64"
-    assert arm["complete"]
     assert arm["failed"] == native["failed"] == []
     assert arm["command"] == pytest.approx(native["command"], abs=TOLERANCE)
     assert arm["estimates"].keys() == set(one_decision.SCENE.robots)

@@ -5,6 +5,7 @@ import re
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import container_engine
@@ -19,7 +20,7 @@ ROBOTS = tuple(f"robot-{robot}" for robot in range(1, 9))
 PATIENCE_S = 300.0
 PROBE = Path(reach.__file__).read_text()
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
+pytestmark = [pytest.mark.alone, pytest.mark.timeout(1500)]
 
 
 class Project:
@@ -136,8 +137,8 @@ def check_a_run_to_its_verdict(project: Project) -> None:
 
 def check_robots_are_kept_apart(project: Project, robots: Sequence[str]) -> None:
     """By address and by name, in all networks; a robot in another's network does reach it."""
-    for robot in robots:
-        check_reach(project, robot, robots)
+    with ThreadPoolExecutor(len(robots)) as threads:
+        list(threads.map(lambda robot: check_reach(project, robot, robots), robots))
     one, other, *_ = robots
     hosts = [other, *project.addresses(other)]
     project.docker("network", "connect", f"unspoken_{other}", f"unspoken-{one}-1")

@@ -41,7 +41,8 @@ def hanging_agent(options: RobotOptions, scene: Scene) -> Decides:
 
 @functools.wraps(agent.__main__.main)
 def robot(**told: Any) -> None:
-    agent.__main__.run_robot(hanging_agent, **told)
+    driving = {name: value for name, value in told.items() if name not in agent.__main__.ABOUT_THE_DEVICE}
+    agent.__main__.run_robot(hanging_agent, **driving)
 
 
 class HangingWorld(World):

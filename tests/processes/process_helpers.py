@@ -61,9 +61,9 @@ def endless(path: Path, count: int) -> Path:
     return write_scenario(path, robots, area={"x_max_m": 1000.0}, time_limit_s=10_000.0)
 
 
-def until(condition: Callable[[], bool], what: str) -> None:
+def until(condition: Callable[[], bool], what: str, patience_s: float = PATIENCE_S) -> None:
     """Wait for something that can only be looked at, such as a file's content."""
-    give_up_s = time.monotonic() + PATIENCE_S
+    give_up_s = time.monotonic() + patience_s
     while not condition():
         assert time.monotonic() < give_up_s, f"{what} did not come"
         time.sleep(0.01)

@@ -29,6 +29,7 @@ def told(tmp_path, endpoint):
     return path
 
 
+@pytest.mark.slow
 def test_a_device_is_checked_while_its_robot_drives(process, endpoint, told, tmp_path):
     scenario = endless(tmp_path / "endless.yaml", 1)
     world = process(

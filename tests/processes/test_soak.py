@@ -18,7 +18,7 @@ from protocol.messages import Command, Mind, Truth
 from protocol.scenario import Pose, Scenario, ScenarioRobot
 from protocol.scenario_file import scenario_text
 
-SOAK_S = float(os.environ.get("SOAK_S", "300"))
+SOAK_S = float(os.environ.get("SOAK_S", "150"))
 """Simulated seconds; an hour takes some ten minutes."""
 TURN_S = 16.0
 """For so long robots are on their way and at its end. Two turn in the middle of the time of the other two, so

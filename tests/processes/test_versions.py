@@ -46,6 +46,7 @@ def test_a_newer_robot_and_a_world_with_a_policy_refuse_each_other(process, endp
     assert world.complained == ""
 
 
+@pytest.mark.slow
 def test_a_world_that_waits_in_vain_names_the_version_of_a_robot(process, endpoint, scenario):
     world = process("world", "world", "--scenario", scenario, "--listen", endpoint, "--start-timeout", 20)
     world.tells("waiting for robots")
