@@ -77,7 +77,8 @@ def test_an_agent_decides_on_arm_as_it_does_here(tmp_path):
     )
     native = decision((sys.executable,), PYTHONPATH=ROOT)
     print(
-        f"compiled in {arm['compiled_s']:.0f} s, decision {arm['decision_s']:.3f} s, here {native['decision_s']:.3f} s"
+        f"compiled in {arm['compiled_s']:.0f} s, decision {arm['decision_s']:.3f} s, "
+        f"here {native['decision_s']:.3f} s"
     )
     assert arm["machine"] == "aarch64"
     assert arm["failed"] == native["failed"] == []
