@@ -17,7 +17,7 @@ WITHOUT_SOLVER = [HERE / folder for folder in ("deploy", "protocol", "silence", 
 
 settings.register_profile("unspoken", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
-settings.load_profile("ci" if "CI" in os.environ else "unspoken")
+settings.load_profile("ci" if {"CI", "UNSPOKEN_CI"} & os.environ.keys() else "unspoken")
 
 
 def _needs_solver(path: Path) -> bool:
