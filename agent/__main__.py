@@ -1,9 +1,11 @@
 """``python -m agent``: the command line of one robot's process."""
 
+import functools
 import math
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 import zenoh
@@ -57,7 +59,12 @@ def _configured(context: typer.Context, path: Path | None) -> Path | None:
     return path
 
 
-def _name(value: str) -> str:
+def key_name(value: str) -> str:
+    """A name that can stand in a key.
+
+    Raises:
+        typer.BadParameter: it cannot.
+    """
     try:
         return checked_name(value)
     except ValueError as error:
@@ -117,7 +124,8 @@ def seconds(value_ms: float | None) -> float | None:
 
 def main(
     robot: Annotated[
-        str, typer.Option(envvar="UNSPOKEN_ROBOT", callback=_name, help="This robot's id in the scenario.")
+        str,
+        typer.Option(envvar="UNSPOKEN_ROBOT", callback=key_name, help="This robot's id in the scenario."),
     ],
     goal: Annotated[
         str,
@@ -149,7 +157,7 @@ def main(
     run: Annotated[
         str,
         typer.Option(
-            envvar="UNSPOKEN_RUN", callback=_name, help="Name of the run, first part of all its keys."
+            envvar="UNSPOKEN_RUN", callback=key_name, help="Name of the run, first part of all its keys."
         ),
     ] = "run",
     goals: Annotated[
@@ -248,6 +256,16 @@ def main(
         budget_ms=budget_ms,
         watch_port=watch_port,
     )
+
+
+def command_line_of(make_agent: MakeAgent) -> Callable[..., None]:
+    """The command line of a robot with a mind of this make, which is no matter of its device."""
+
+    @functools.wraps(main)
+    def command_line(**told: Any) -> None:
+        run_robot(make_agent, **{name: each for name, each in told.items() if name not in ABOUT_THE_DEVICE})
+
+    return command_line
 
 
 def run_robot(

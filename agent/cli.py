@@ -23,11 +23,12 @@ def _tell_version(wanted: bool) -> None:
         raise typer.Exit
 
 
+VersionOption = Annotated[
+    bool,
+    typer.Option("--version", callback=_tell_version, is_eager=True, help="Tell the version and exit."),
+]
+
+
 @app.callback()
-def _options(
-    _version: Annotated[
-        bool,
-        typer.Option("--version", callback=_tell_version, is_eager=True, help="Tell the version and exit."),
-    ] = False,
-) -> None:
+def _options(_version: VersionOption = False) -> None:
     """Options of the command itself."""

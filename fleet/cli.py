@@ -11,6 +11,7 @@ import typer
 import agent.__main__
 import world.__main__
 import world.ros2.__main__
+from agent.cli import VersionOption
 from agent.estimation import DEFAULT_GOALS, GoalsName
 from agent.solver import ITERATIONS, SolverName
 from fleet.auditing.command import audit, replay
@@ -29,7 +30,6 @@ from fleet.suites.command import app as scenarios
 from fleet.supervision import Restart
 from fleet.trials.command import faults
 from protocol.scenario_file import ScenarioError
-from protocol.version import version_text
 from world.process import ClockKind, ExitStatus
 
 app = typer.Typer(
@@ -177,19 +177,8 @@ app.command("audit")(audit)
 app.command("replay")(replay)
 
 
-def _tell_version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(version_text())
-        raise typer.Exit
-
-
 @app.callback()
-def _options(
-    _version: Annotated[
-        bool,
-        typer.Option("--version", callback=_tell_version, is_eager=True, help="Tell the version and exit."),
-    ] = False,
-) -> None:
+def _options(_version: VersionOption = False) -> None:
     """Options of the command itself."""
 
 

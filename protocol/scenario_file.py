@@ -2,17 +2,14 @@
 
 import math
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import yaml
-from pydantic import BaseModel
 
 from protocol.faults import MAX_FAULTS, FaultFile, unknown_robot
 from protocol.mistakes import location_of, told_at
 from protocol.scenario import Scenario
-from protocol.yaml_file import YamlFileError, read_as, read_text, tree_of, validated
-
-M = TypeVar("M", bound=BaseModel)
+from protocol.yaml_file import YamlFileError, read_text, tree_of, validated
 
 
 ScenarioError = YamlFileError
@@ -40,20 +37,6 @@ def parse_scenario(text: str, path: Path) -> Scenario:
         ScenarioError: as of ``load_scenario``.
     """
     return validated(Scenario, tree_of(text, path, Scenario, "scenario"), path)
-
-
-def load_as(path: Path, model: type[M], what: str) -> M:
-    """Read a YAML file of another kind with the same care.
-
-    Args:
-        path: of the file.
-        model: what it holds.
-        what: its name for people.
-
-    Raises:
-        ScenarioError: as of ``load_scenario``.
-    """
-    return read_as(path, model, what)
 
 
 def with_faults(scenario: Scenario, path: Path) -> Scenario:

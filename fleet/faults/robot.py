@@ -3,10 +3,9 @@
 It is told of the faults by ``UNSPOKEN_FAULTS`` and of the run's seed by ``UNSPOKEN_SEED``.
 """
 
-import functools
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, cast
+from typing import Any
 
 import typer
 
@@ -74,12 +73,5 @@ def step_clock(offset_s: float) -> None:
     time.time_ns = lambda: _time_ns() + offset_ns
 
 
-@functools.wraps(agent.__main__.main)
-def main(**told: Any) -> None:
-    """Be one robot; see :func:`agent.__main__.main`."""
-    driving = {name: value for name, value in told.items() if name not in agent.__main__.ABOUT_THE_DEVICE}
-    agent.__main__.run_robot(make_faulty, **driving)
-
-
 if __name__ == "__main__":
-    typer.run(cast(Callable[..., None], main))
+    typer.run(agent.__main__.command_line_of(make_faulty))

@@ -11,6 +11,7 @@ from typing import Annotated, NoReturn
 import typer
 from rich.console import Console
 
+from agent.__main__ import key_name
 from fleet.interruption import Interruption
 from fleet.status.following import Follower, follow_live
 from fleet.status.reach import NoRunError, Reach, is_going_on, only_run, reach_of
@@ -18,16 +19,9 @@ from fleet.status.showing import shown
 from fleet.status.standing import Status
 from fleet.status.watching import UnreachableError, is_listened_at, listening
 from protocol.identity import Identity, IdentityError, client_identity
-from protocol.keys import BENCH_NAME, checked_name
+from protocol.keys import BENCH_NAME
 
 NO_RUN, WRONG_USAGE, UNREACHABLE = 1, 2, 3
-
-
-def _name(value: str) -> str:
-    try:
-        return checked_name(value)
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from None
 
 
 def status(
@@ -43,7 +37,8 @@ def status(
         str | None, typer.Option(help="Endpoint of a world, instead of RUN.", show_default="none")
     ] = None,
     run: Annotated[
-        str, typer.Option(callback=_name, help="With --connect: name of the run, as its world is told it.")
+        str,
+        typer.Option(callback=key_name, help="With --connect: name of the run, as its world is told it."),
     ] = "run",
     password_file: Annotated[
         Path | None,

@@ -9,8 +9,8 @@ from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 from fleet.faults.schedule import Scheduled, schedule
 from protocol.faults import ClockStep, DiskFull, Faults, Pause, RecorderDies, as_tuple
 from protocol.scenario import Scenario
-from protocol.scenario_file import load_as
 from protocol.scene import Settings
+from protocol.yaml_file import read_as
 
 BUNDLED = Path(__file__).with_name("suite.yaml")
 PROCESSES_ONLY = (ClockStep, Pause, DiskFull, RecorderDies)
@@ -60,4 +60,4 @@ def load_cases(path: Path) -> tuple[Case, ...]:
     Raises:
         ScenarioError: the file cannot be read or is no such suite; told with file, line and field.
     """
-    return load_as(path, Suite, "suite of faults").cases
+    return read_as(path, Suite, "suite of faults").cases

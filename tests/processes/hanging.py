@@ -3,7 +3,6 @@
 Its loop is then stuck in the middle of a step, while all its other threads go on.
 """
 
-import functools
 import sys
 import threading
 from typing import Any
@@ -39,12 +38,6 @@ def hanging_agent(options: RobotOptions, scene: Scene) -> Decides:
     return Hanging(make_agent(options, scene))
 
 
-@functools.wraps(agent.__main__.main)
-def robot(**told: Any) -> None:
-    driving = {name: value for name, value in told.items() if name not in agent.__main__.ABOUT_THE_DEVICE}
-    agent.__main__.run_robot(hanging_agent, **driving)
-
-
 class HangingWorld(World):
     def advance(self, commands: Any) -> Any:
         if self.step >= STEP:
@@ -57,4 +50,5 @@ if __name__ == "__main__":
     protocol.vital_signs.LONGEST_SILENCE_S = 1.0  # so that the test need not wait for ten
     if what == "world":
         sys.modules["world.process"].World = HangingWorld  # type: ignore[attr-defined]
+    robot = agent.__main__.command_line_of(hanging_agent)
     typer.run(robot if what == "agent" else world.__main__.main)
