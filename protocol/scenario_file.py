@@ -11,7 +11,6 @@ from protocol.mistakes import location_of, told_at
 from protocol.scenario import Scenario
 from protocol.yaml_file import YamlFileError, read_text, tree_of, validated
 
-
 ScenarioError = YamlFileError
 """A scenario, or what goes with it, that cannot be used."""
 
