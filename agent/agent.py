@@ -114,7 +114,8 @@ class Agent:
             return None
         watch = Stopwatch(self._clock)
         self._deadline.begin()
-        self._given.withdraw_late(self._memory.previous_input(self._robot), self._memory.step)
+        if self._memory.saw_last_step(self._robot):
+            self._given.withdraw_late(self._memory.previous_input(self._robot), self._memory.step)
         self._arrived = self._has_arrived()
         thought = _Thought() if self._arrived else self._think(watch)
         self._solver_failures += len(thought.failed)

@@ -42,10 +42,10 @@ class GivenCommands:
     def withdraw_late(self, seen: Input, step: int) -> None:
         """Take back the commands that were not driven, as far as the robot's own motion shows it.
 
-        Noise can hide that, and so can steps that it did not see; then all of them count as driven.
+        Noise can hide that; then all of them count as driven.
 
         Args:
-            seen: the input that has led to the state of a step.
+            seen: the input that has led to the state of a step, from states seen at both its ends.
             step: that step.
         """
         possible = [*(self._driven(given, step) for given in reversed(self._given)), STANDSTILL]

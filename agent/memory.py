@@ -106,6 +106,11 @@ class Memory:
         """The input that led to the present state; zero when only one state is known."""
         return self._tracks[robot].previous_input
 
+    def saw_last_step(self, robot: str) -> bool:
+        """Whether a robot was seen at both ends of the last step, so that its previous input is no guess."""
+        track = self._tracks[robot]
+        return track.saw_step_before and track.seen_step == self.step
+
     def unseen_steps(self, robot: str) -> int:
         """How many steps ago a robot was in the state in which it was last seen."""
         return self.step - self._tracks[robot].seen_step

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 from agent_helpers import EPOCH, euler, scene_of, seen
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from agent.agent import Agent
+from agent.given import DOUBTFUL
 from agent.planning import Plan
 from protocol.messages import Observation
 from protocol.scenario import Pose, Scenario, ScenarioRobot
@@ -57,7 +58,18 @@ COURSES = [
 ]
 
 
-@given(st.one_of(COURSES), st.integers(0, 2**32))
+def is_told_in_time(course: list[str]) -> bool:
+    """By chance, planned and driven inputs are often alike, which hides lateness, but not for long."""
+    hidden = 0
+    for what in course:
+        hidden = {"in time": 0, "unknowingly late": hidden + 1}.get(what, hidden)
+        if hidden > DOUBTFUL:
+            return False
+    return True
+
+
+@given(st.one_of(COURSES).filter(is_told_in_time), st.integers(0, 2**32))
+@example(["in time", "asleep", "late", "asleep", "asleep", "late"], 339930498).via("seems to stand, asleep")
 def test_it_knows_what_the_world_drove_however_often_it_was_late_or_asleep(course, seed):
     robot = ScenarioRobot(id="a", start=Pose(x_m=-9.0, y_m=0.0), goal=Pose(x_m=9.0, y_m=0.0))
     scenario = Scenario(name="alone", robots=[robot])
