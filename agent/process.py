@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from queue import Empty, SimpleQueue
 from typing import Protocol
 
 import structlog
@@ -24,15 +23,13 @@ from protocol.codec import OtherVersionError, encode
 from protocol.identity import Identity
 from protocol.keys import Keys
 from protocol.messages import Command, Message, Observation
+from protocol.opening import Opening
 from protocol.passwords import Login
 from protocol.scene import Goal, Scene
-from protocol.session import client_session, open_in_background
-from protocol.vital_signs import BEAT_S
+from protocol.session import client_session
 
 SCENE_TIMEOUT_S = 1.0
 """After this time without an answer the scene is asked for again."""
-PATIENCE_S = 10.0
-"""After this time without a world, and every so often, its absence is told."""
 SCENE_PAUSE_S = 0.1
 """Between two questions: a world can be reached a moment before it answers."""
 
@@ -116,15 +113,14 @@ class RobotProcess:
         self._keys = Keys(options.run)
         self._log = structlog.get_logger("agent").bind(robot=options.robot)
         self._inbox = Inbox(self._log)
-        # None stands for the end.
-        self._opened: SimpleQueue[zenoh.Session | zenoh.ZError | None] = SimpleQueue()
+        self._opening = Opening()
         self._stopped = False
         self._late = LateDecisions(self._log)
 
     def stop(self) -> None:
         """End :meth:`run` soon; may be called from any thread."""
         self._stopped = True
-        self._opened.put(None)
+        self._opening.stop()
         self._inbox.close()
 
     def run(self) -> None:
@@ -163,33 +159,19 @@ class RobotProcess:
     def _connect(self) -> zenoh.Session | None:
         """The session, once the world is there and this robot is ready; None if stopped before."""
         self._log.info("waiting for the world", connect=self._options.connect, run=self._options.run)
-        settings = client_session(self._options.connect, self._options.identity)
-        open_in_background(settings, self._opened.put)
+        self._opening.begin(client_session(self._options.connect, self._options.identity))
         self._health.wants("it loads the solver, or compiles it")
         self._health.beat()
         self._get_ready()
         self._health.wants(f"it waits for a world at {self._options.connect}")
-        session = self._await_session()
-        if isinstance(session, zenoh.ZError):
-            raise session
-        return session
+        return self._opening.wait(self._health.beat, self._tell_absence)
 
-    def _await_session(self) -> zenoh.Session | zenoh.ZError | None:
-        """What the opening came to; Zenoh does not tell a world that is not there from one that refuses."""
-        told_s = time.monotonic()
-        while True:
-            self._health.beat()
-            try:
-                return self._opened.get(timeout=BEAT_S)
-            except Empty:
-                if time.monotonic() - told_s < PATIENCE_S:
-                    continue
-                told_s += PATIENCE_S
-                self._log.warning(
-                    "still waiting: there is no world at this endpoint, or it refuses this robot",
-                    connect=self._options.connect,
-                    proves_itself_by=_proof(self._options.identity),
-                )
+    def _tell_absence(self) -> None:
+        self._log.warning(
+            "still waiting: there is no world at this endpoint, or it refuses this robot",
+            connect=self._options.connect,
+            proves_itself_by=_proof(self._options.identity),
+        )
 
     def _get_ready(self) -> None:
         """Have everything compiled and loaded: later, there is no time for it."""

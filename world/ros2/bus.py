@@ -1,24 +1,12 @@
 """The side of ROS: odometry comes in, twists go out, over the keys of Zenoh's bridge for ROS 2."""
 
-import time
-from collections.abc import Callable
 from functools import partial
-from queue import Empty, SimpleQueue
 
 import zenoh
-from structlog.typing import FilteringBoundLogger
 
-from protocol.session import client_session, open_in_background
-from protocol.vital_signs import BEAT_S
 from world.ros2.cdr import Twist, encode_twist
 from world.ros2.inbox import OdometryInbox
 from world.ros2.settings import Ros2Bridge
-
-PATIENCE_S = 10.0
-"""After this time without a router, and every so often, its absence is told."""
-
-Opened = SimpleQueue[zenoh.Session | zenoh.ZError | None]
-"""What the opening of the session came to; None: it is not wanted any more."""
 
 
 def key_of(topic: str) -> str:
@@ -56,37 +44,3 @@ class Ros:
     def put(self, robot: str, twist: Twist) -> None:
         """Tell a robot what to do; what does not get through is made up for by the next one."""
         self._twists[robot].put(encode_twist(twist))
-
-
-def open_client(
-    connect: str, opened: Opened, log: FilteringBoundLogger, beat: Callable[[], object]
-) -> zenoh.Session | None:
-    """A session of the router on the side of ROS, which is waited for.
-
-    Args:
-        connect: its endpoint.
-        opened: None in it ends the waiting.
-        log: for people.
-        beat: called at least every ``BEAT_S`` while it waits.
-
-    Returns:
-        None if it is not wanted any more.
-
-    Raises:
-        zenoh.ZError: Zenoh cannot use this endpoint.
-    """
-    open_in_background(client_session(connect), opened.put)
-    told_s = time.monotonic()
-    while True:
-        beat()
-        try:
-            found = opened.get(timeout=BEAT_S)
-        except Empty:
-            if time.monotonic() - told_s < PATIENCE_S:
-                continue
-            told_s += PATIENCE_S
-            log.warning("still waiting: there is no Zenoh router of ROS at this endpoint", connect=connect)
-            continue
-        if isinstance(found, zenoh.ZError):
-            raise found
-        return found

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import structlog
 import zenoh
+from structlog.typing import FilteringBoundLogger
 
 from protocol.keys import Keys
 from protocol.messages import PublicScene
-from protocol.session import reason_of, receive_on_threads
+from protocol.opening import Opening
+from protocol.session import client_session, reason_of, receive_on_threads
 from protocol.signals import on_wish_to_end
 from world.access import Access, most_sessions
 from world.bus import Bus
@@ -17,7 +19,7 @@ from world.clock import RealTime
 from world.health import WorldHealth
 from world.inbox import Inbox
 from world.process import FAREWELL_S, EndpointError, open_session
-from world.ros2.bus import Opened, Ros, open_client
+from world.ros2.bus import Ros
 from world.ros2.inbox import OdometryInbox
 from world.ros2.live import LiveWorld
 from world.ros2.settings import Ros2Bridge
@@ -47,15 +49,15 @@ def run_bridge(options: BridgeOptions) -> None:
         RobotsMissingError: agents were missing at the start.
         WatchPortError: the watch port cannot be used.
     """
-    log = structlog.get_logger("bridge")
+    log: FilteringBoundLogger = structlog.get_logger("bridge")
     settings, keys, epoch = options.settings, Keys(options.run), secrets.randbits(63)
     core = OdometryWorld(settings, epoch=epoch)
     health = WorldHealth(core.robots)
-    inbox, odometry, opened = Inbox(core.robots), OdometryInbox(core.robots), Opened()
+    inbox, odometry, opening = Inbox(core.robots), OdometryInbox(core.robots), Opening()
 
     def end() -> None:
         inbox.interrupt()
-        opened.put(None)
+        opening.stop()
 
     on_wish_to_end(end)
     agents = options.access.session(keys, core.robots, log)
@@ -66,7 +68,7 @@ def run_bridge(options: BridgeOptions) -> None:
         stack.enter_context(closing(inbox))
         log.info("waiting for the side of ROS", connect=settings.connect)
         health.wants(f"it waits for the side of ROS at {settings.connect}")
-        ros_session = _open_ros(settings.connect, opened, log, health)
+        ros_session = _open_ros(settings.connect, opening, log, health)
         if ros_session is None:
             return
         ros = Ros(stack.enter_context(ros_session), settings, odometry)
@@ -94,10 +96,14 @@ def run_bridge(options: BridgeOptions) -> None:
 
 
 def _open_ros(
-    connect: str, opened: Opened, log: structlog.typing.FilteringBoundLogger, health: WorldHealth
+    connect: str, opening: Opening, log: FilteringBoundLogger, health: WorldHealth
 ) -> zenoh.Session | None:
+    def tell_absence() -> None:
+        log.warning("still waiting: there is no Zenoh router of ROS at this endpoint", connect=connect)
+
     try:
-        return open_client(connect, opened, log, health.beat)
+        opening.begin(client_session(connect))
+        return opening.wait(health.beat, tell_absence)
     except zenoh.ZError as error:
         raise EndpointError(
             f"the endpoint {connect} of the side of ROS cannot be used: {reason_of(error)}; that of its "
