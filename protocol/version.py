@@ -6,8 +6,8 @@ from typing import Final
 PROTOCOL_VERSION: Final = 1
 """Of all messages and keys together; ``docs/protocol.md`` says when it changes."""
 
-_DISTRIBUTIONS = ("unspoken", "unspoken-agent")
-"""By what name the software is installed: whole, or on a device."""
+_DISTRIBUTIONS = ("unspoken", "unspoken-agent", "unspoken-world")
+"""By what name the software is installed: whole, or only what a device or the image of the world needs."""
 
 
 def software_version() -> str:

@@ -1,11 +1,19 @@
 """What is told of versions."""
 
+import tomllib
 from importlib.metadata import PackageNotFoundError
+from pathlib import Path
 
 import pytest
 
 from protocol import version
 from protocol.version import disagreement, software_version
+
+ROOT = Path(__file__).parents[2]
+DISTRIBUTIONS = [
+    tomllib.loads(path.read_text())["project"]["name"]
+    for path in (ROOT / "pyproject.toml", *sorted(ROOT.glob("deploy/*/pyproject.toml")))
+]
 
 
 def installed(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
@@ -17,8 +25,8 @@ def installed(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     monkeypatch.setattr(version, "version", look_up)
 
 
-@pytest.mark.parametrize("name", ["unspoken", "unspoken-agent"])
-def test_the_software_is_installed_whole_or_on_a_device(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", DISTRIBUTIONS)
+def test_the_software_is_installed_whole_or_in_part(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     installed(monkeypatch, name)
     assert software_version() == f"version of {name}"
 
