@@ -47,6 +47,8 @@ INTERESTS = (
     "**",
 )
 """What robot 2 has no right to read."""
+ANSWERS_S = 10.0
+"""For answers on a busy machine; a question that nobody may answer has ended long before."""
 
 
 def keep(evidence: Evidence, allowed: frozenset[str] = frozenset()) -> Callable[[Any], None]:
@@ -125,7 +127,7 @@ def watching_presence(stage: Stage, evidence: Evidence) -> None:
 
 def asking_for_presence(stage: Stage, evidence: Evidence) -> None:
     """The same by a question."""
-    for reply in stage.connect("2").liveliness().get("**", timeout=1.0):
+    for reply in stage.connect("2").liveliness().get("**", timeout=ANSWERS_S):
         if reply.ok is not None:
             evidence.add(reply)
 
@@ -179,12 +181,14 @@ def asking_with_a_message(stage: Stage, evidence: Evidence) -> None:
     stage.passes(2)
     accomplice = stage.connect("2")
     for key in (KEYS.scene_for("2"), KEYS.scene, KEYS.scene_for("1")):
-        for _ in accomplice.get(key, payload=MARK, target=zenoh.QueryTarget.ALL, timeout=1.0):
+        for _ in accomplice.get(key, payload=MARK, target=zenoh.QueryTarget.ALL, timeout=ANSWERS_S):
             pass
 
 
 def ask(stage: Stage, key: str, evidence: Evidence) -> None:
-    for reply in stage.connect("2").get(key, target=zenoh.QueryTarget.ALL, timeout=1.0):
+    """Hear all answers; without being told so, Zenoh keeps one of several at the same key."""
+    everybody, all_answers = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
+    for reply in stage.connect("2").get(key, target=everybody, consolidation=all_answers, timeout=ANSWERS_S):
         if reply.ok is not None and MARK in reply.ok.payload.to_bytes():
             evidence.add(reply)
 
@@ -218,7 +222,7 @@ def looking_into_the_router(stage: Stage, evidence: Evidence) -> None:
     """Robot 2 reads the router's own account of its connections and subscriptions."""
     session = stage.connect("2")
     for selector in ("@/**", "@/*/router/**"):
-        for reply in session.get(selector, timeout=1.0):
+        for reply in session.get(selector, timeout=ANSWERS_S):
             # Every session knows its own connections; what others answer is the matter.
             if reply.ok is not None and f"@/{session.info.zid()}/" not in str(reply.ok.key_expr):
                 evidence.add(reply)
