@@ -24,7 +24,7 @@ LOOK_S = 0.1
 """How often the bench looks after processes and interruptions while nothing arrives."""
 
 STRAGGLERS_S = 1.0
-"""How long a message that the verdict has overtaken may take."""
+"""How long a message that the verdict, or the world's end, has overtaken may take."""
 
 SCENE_TIMEOUT_S = 1.0
 """For the world's answer."""
@@ -108,12 +108,12 @@ class Bench:
 
     def listen(self) -> Iterator[StreamItem]:
         """Messages up to the truth with the verdict, and those that it has overtaken."""
-        stragglers, verdict = Stragglers(), None
-        while verdict is None:
+        stragglers, truth = Stragglers(), None
+        while truth is None or truth.verdict is None:
             yield from self._look_after_all()
-            try:
-                letter = self._mailbox.get(LOOK_S)
-            except Empty:  # what processes said before they ended counts first
+            try:  # what processes said before they ended counts first, and may still be on its way
+                letter = self._mailbox.get(STRAGGLERS_S if WORLD in self._supervisor.lost else LOOK_S)
+            except Empty:
                 self._give_up_without_processes()
                 continue
             if self._scene_due:  # whoever speaks can be asked; what it says belongs to that scene
@@ -124,8 +124,9 @@ class Bench:
                     stragglers.add(item.message)
                     if isinstance(item.message, Truth):
                         self._begun = True
-                        verdict = item.message.verdict
-                        self._director.at(item.message)
+                        _tell_gap(truth, item.message)
+                        truth = item.message
+                        self._director.at(truth)
         yield from self._take_in(stragglers)
         yield from (RefusedMind(robot, TOO_MANY, count) for robot, count in self._mailbox.lost.items())
         self._supervisor.look()
@@ -200,3 +201,9 @@ class Bench:
             self._told_to_end = True
             self._supervisor.give_up_restarting()
             self._crew.ask_to_end(WORLD)
+
+
+def _tell_gap(before: Truth | None, after: Truth) -> None:
+    """What the bus has lost is lost for the recording, and not in silence."""
+    if before is not None and before.epoch == after.epoch and after.step > before.step + 1:
+        log.warning("the recording lacks steps", first=before.step + 1, last=after.step - 1)

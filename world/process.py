@@ -22,8 +22,8 @@ from world.run import Run
 from world.watch import watched
 from world.world import World
 
-FAREWELL_S = 3.0
-"""How long a reader of the truth may take to see the verdict and leave."""
+FAREWELL_S = 10.0
+"""How long a reader of the truth may take to see the verdict and leave; seconds, on a very busy machine."""
 
 
 class ExitStatus(IntEnum):
