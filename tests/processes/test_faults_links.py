@@ -128,7 +128,7 @@ def test_a_relay_survives_the_restart_of_its_world_and_of_its_robot(tmp_path, be
     run = bench(
         "out",
         "run",
-        crossing(tmp_path / "both.yaml", faults, 20.0),
+        crossing(tmp_path / "both.yaml", faults, 120.0),
         "--clock",
         "realtime",
         "--restart",

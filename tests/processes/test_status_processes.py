@@ -133,7 +133,7 @@ def test_a_world_elsewhere_tells_who_is_missing_and_lets_only_the_bench_look(
         write_password(temporary / f"{name}.password", password)
     scenario = write_scenario(tmp_path / "two.yaml", lanes(2, 4.0))
     told = ["--scenario", scenario, "--listen", endpoint, "--users", users, "--run", "here"]
-    world = process("world", "world", *told)
+    world = process("world", "world", *told, "--start-timeout", 600)
     world.tells("waiting for robots")
     agent = process(
         "agent",
