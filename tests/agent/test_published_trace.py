@@ -27,9 +27,6 @@ from world.world import World
 
 STEPS = 10
 WITHIN_M = 0.05
-EITHER_SOLVER = pytest.mark.parametrize(
-    "solver", ["realtime", pytest.param("reference", marks=pytest.mark.slow)]
-)
 Answers = Callable[[Mapping[str, Observation]], dict[str, Command]]
 
 
@@ -73,7 +70,7 @@ def test_the_scenario_is_the_published_one(scenario):
     assert [[robot.goal.x_m, robot.goal.y_m] for robot in scenario.robots] == data["goals"]
 
 
-@EITHER_SOLVER
+@pytest.mark.parametrize("solver", ["realtime", pytest.param("reference", marks=pytest.mark.slow)])
 def test_the_joint_prediction_drives_all_robots_along_the_published_trace(scenario, solver):
     """One predictor speaks for all: with perfect sensing all would solve the same problem."""
     scene = scenario.scene(with_goals=True)
@@ -95,12 +92,11 @@ def test_the_joint_prediction_drives_all_robots_along_the_published_trace(scenar
     assert worst_deviation_m(scenario, driven(scenario, answers)) < WITHIN_M
 
 
-@EITHER_SOLVER
-def test_eight_agents_drive_along_the_published_trace(scenario, solver):
+def test_eight_agents_drive_along_the_published_trace(scenario):
     scene = scenario.scene(with_goals=True)
     agents = {
         robot.id: Agent(
-            robot.id, robot.goal_pose(), scene, goals="exchanged", solver=solver, clock=lambda: 0.0
+            robot.id, robot.goal_pose(), scene, goals="exchanged", solver="realtime", clock=lambda: 0.0
         )
         for robot in scenario.robots
     }
