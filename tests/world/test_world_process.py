@@ -115,8 +115,8 @@ def test_a_signal_at_the_barrier_interrupts_the_run(start, endpoint, number):
     with TruthRecorder(endpoint) as bench, Robot(endpoint, "1"):
         world.wait_for("missing=2")
         world.signal(number)
-        assert world.end() == (1, "")
         last = bench.ended()
+        assert world.end() == (1, "")
     assert (last.step, last.verdict) == (0, "interrupted")
     assert len(bench.truths) == 1
 
@@ -127,8 +127,8 @@ def test_a_signal_while_waiting_for_a_command_interrupts_the_run(start, endpoint
     with TruthRecorder(endpoint) as bench, Robot(endpoint, "1"), Robot(endpoint, "2", silent_from=5):
         bench.reached(5)
         world.signal(number)
-        assert world.end() == (1, "")
         bench.ended()
+        assert world.end() == (1, "")
     assert [truth.step for truth in bench.truths] == [0, 1, 2, 3, 4, 5, 5]
     assert [truth.verdict for truth in bench.truths] == [None] * 6 + ["interrupted"]
 
