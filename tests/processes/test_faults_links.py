@@ -6,19 +6,18 @@ from process_helpers import recorded, until
 
 from protocol.messages import Mind, PublicScene, Timings, Truth
 
-CROSSING = [
-    {"id": 1, "start": {"x_m": 0.0, "y_m": 0.0}, "goal": {"x_m": 4.0, "y_m": 3.0}},
-    {"id": 2, "start": {"x_m": 0.0, "y_m": 3.0}, "goal": {"x_m": 4.0, "y_m": 0.0}},
-]
 LATER_THAN_EVER_S = 1000.0
 
 
-def crossing(path, faults, time_limit_s):
+def crossing(path, faults, time_limit_s, length_m=4.0):
     content = {
         "name": path.stem,
         "horizons": {"prediction_steps": 12, "estimation_steps": 5},
         "time_limit_s": time_limit_s,
-        "robots": CROSSING,
+        "robots": [
+            {"id": 1, "start": {"x_m": 0.0, "y_m": 0.0}, "goal": {"x_m": length_m, "y_m": 3.0}},
+            {"id": 2, "start": {"x_m": 0.0, "y_m": 3.0}, "goal": {"x_m": length_m, "y_m": 0.0}},
+        ],
         "faults": faults,
     }
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
@@ -128,7 +127,7 @@ def test_a_relay_survives_the_restart_of_its_world_and_of_its_robot(tmp_path, be
     run = bench(
         "out",
         "run",
-        crossing(tmp_path / "both.yaml", faults, 120.0),
+        crossing(tmp_path / "both.yaml", faults, 120.0, length_m=9.0),  # or a slow start is a deadlock
         "--clock",
         "realtime",
         "--restart",

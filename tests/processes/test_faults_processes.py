@@ -70,7 +70,9 @@ def test_a_robot_that_a_fault_kills_stops_and_is_no_failure_of_the_run(tmp_path,
 @pytest.mark.slow
 def test_a_robot_that_was_killed_for_a_while_comes_back_without_memory_and_arrives(tmp_path, bench):
     faults = [{"kind": "kill", "robots": [2], "start_s": 0.5, "duration_s": 1.0}]
-    run = bench("out", "run", faulty(tmp_path / "kill.yaml", faults), "--clock", "realtime")
+    # While the other one drives, and for 5 s more, the run is no deadlock, however long the start takes.
+    scenario = faulty(tmp_path / "kill.yaml", faults, length_m=9.0)
+    run = bench("out", "run", scenario, "--clock", "realtime")
     assert run.end() == 0, run.complained
     assert summary_of(run)["restarts"] == {"robot-2": 1}
     assert len(begun(run, "2")) == 2
@@ -95,7 +97,7 @@ def test_a_world_that_is_restarted_begins_a_new_epoch_with_all_robots(tmp_path, 
         {"kind": "kill", "robots": [2], "start_s": 0.3, "duration_s": 1.0},
         {"kind": "restart-world", "start_s": 0.6, "duration_s": 0.5},
     ]
-    run = bench("out", "run", faulty(tmp_path / "restart.yaml", faults), "--clock", "realtime")
+    run = bench("out", "run", faulty(tmp_path / "restart.yaml", faults, length_m=9.0), "--clock", "realtime")
     assert run.end() == 0, run.complained
     run.leaves_nothing({})
     epochs = [epoch for epoch, _ in itertools.groupby(m.epoch for _, m in recorded(run.out))]
