@@ -28,7 +28,6 @@ class Track:
 
     Attributes:
         seen_step: step of the last measurement.
-        saw_step_before: whether there was a measurement at the step before that one, too.
         states: up to the present, headings without jumps by whole turns, shape (n, 4).
     """
 
@@ -43,7 +42,6 @@ class Track:
             step_s: Δt.
         """
         self.seen_step = step
-        self.saw_step_before = False
         self.states = state[None]
         self._limits = limits
         self._step_s = step_s
@@ -57,6 +55,11 @@ class Track:
     def is_exact(self) -> bool:
         """Whether the last measurement was."""
         return not self._sigmas[-1, :4].any()
+
+    @property
+    def saw_step_before(self) -> bool:
+        """Whether there was a measurement at the step before that of the last one, too."""
+        return len(self._sigmas) > 1 and bool(np.isfinite(self._sigmas[-2, 0]))
 
     @property
     def previous_input(self) -> Input:
@@ -86,7 +89,6 @@ class Track:
         self._values = np.concatenate([self._values, between, values[None]])
         self._sigmas = np.concatenate([self._sigmas, np.full((gap, 6), np.inf), accuracy[None]])
         self.seen_step = step
-        self.saw_step_before = gap == 0
 
     def go_on(self, step: int, window: int) -> None:
         """Bring the states up to a present step; those before the last ``window`` are forgotten."""
