@@ -5,7 +5,9 @@ do not need it.
 """
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from hypothesis import settings
@@ -34,3 +36,16 @@ def _compiled_solver(request: pytest.FixtureRequest) -> None:
     """Compiled before the first test that needs it; of the processes that share the tests, one does it."""
     if _needs_solver(request.path):
         compile_in_background(unwanted=lambda: False)
+
+
+@pytest.fixture
+def temporary() -> Iterator[Path]:
+    """A temporary directory with a short path: that of a socket holds about a hundred characters."""
+    with TemporaryDirectory(prefix="u") as folder:
+        yield Path(folder)
+
+
+@pytest.fixture
+def endpoint(temporary: Path) -> str:
+    """A socket of this test alone."""
+    return f"unixsock-stream/{temporary}/s"

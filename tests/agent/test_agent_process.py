@@ -1,11 +1,8 @@
 """The shell of a robot on real sessions inside the test's own process, about an agent that can be slow."""
 
-import shutil
-import tempfile
 import threading
 from queue import SimpleQueue
 
-import pytest
 import zenoh
 from agent_helpers import EPOCH, scene_of, seen
 from structlog.testing import capture_logs
@@ -96,13 +93,6 @@ class World:
         """Until this pose lies in the robot's inbox."""
         while self._stored.get(timeout=PATIENCE_S) != step:
             pass
-
-
-@pytest.fixture
-def endpoint():
-    folder = tempfile.mkdtemp(prefix="u")  # short: a socket's path holds about a hundred characters
-    yield f"unixsock-stream/{folder}/s"
-    shutil.rmtree(folder)
 
 
 def options_of(endpoint):

@@ -1,21 +1,11 @@
 """Places for runs in real processes."""
 
-import shutil
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 from process_helpers import Bench, Process
-
-
-@pytest.fixture
-def temporary() -> Iterator[Path]:
-    """A temporary directory with a short path: that of a socket holds about a hundred characters."""
-    folder = Path(tempfile.mkdtemp(prefix="u"))
-    yield folder
-    shutil.rmtree(folder)
 
 
 @pytest.fixture

@@ -11,11 +11,6 @@ from protocol.passwords import new_passwords, write_password, write_users
 
 
 @pytest.fixture
-def endpoint(temporary):
-    return f"unixsock-stream/{temporary}/s"
-
-
-@pytest.fixture
 def told(tmp_path, endpoint):
     """The file of robot 1, with a password that its world knows."""
     passwords = new_passwords(["1", "@bench"])

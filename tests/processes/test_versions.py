@@ -19,11 +19,6 @@ OLD_ROBOT = "robot 1 speaks version 1 of the protocol, the world version 2; upda
 
 
 @pytest.fixture
-def endpoint(temporary):
-    return f"unixsock-stream/{temporary}/s"
-
-
-@pytest.fixture
 def scenario(tmp_path):
     return write_scenario(tmp_path / "lanes.yaml", lanes(2, 9.0, limits={"speed_mps": 0.5}))
 

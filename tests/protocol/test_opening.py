@@ -1,9 +1,6 @@
 """A session that is waited for: signs of life, absence told, a wish to end heard, errors raised."""
 
 import threading
-from collections.abc import Iterator
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import pytest
 import zenoh
@@ -11,13 +8,6 @@ import zenoh
 import protocol.opening
 from protocol.opening import Opening
 from protocol.session import brief_session, client_session, world_session
-
-
-@pytest.fixture
-def endpoint() -> Iterator[str]:
-    """A socket of this test alone; its path must be shorter than pytest's own folders."""
-    with TemporaryDirectory(prefix="unspoken-") as folder:
-        yield f"unixsock-stream/{Path(folder) / 'bus'}"
 
 
 @pytest.fixture(autouse=True)

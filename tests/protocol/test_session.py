@@ -1,14 +1,11 @@
 """Session settings: what Zenoh makes of them, and sessions that really speak to each other with them."""
 
 import json
-import shutil
 import socket
-import tempfile
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 from queue import Queue
 from typing import Any
 
@@ -22,14 +19,6 @@ PATIENCE_S = 60
 """Ends a test that would otherwise wait for ever; nothing is asserted about times."""
 TCP = "tcp/127.0.0.1:7447"
 KEY = "unspoken/test/pose/a"
-
-
-@pytest.fixture
-def endpoint() -> Iterator[str]:
-    """A socket of this test alone; its path must be shorter than pytest's own folders."""
-    folder = Path(tempfile.mkdtemp(prefix="unspoken-"))
-    yield f"unixsock-stream/{folder}/bus"
-    shutil.rmtree(folder)
 
 
 def read_back(config: zenoh.Config, key: str) -> Any:

@@ -1,7 +1,5 @@
 """The world's declarations on a real session, inside the test's own process."""
 
-import shutil
-import tempfile
 import threading
 
 import pytest
@@ -19,16 +17,13 @@ from world.world import World
 
 
 @pytest.fixture
-def sessions():
+def sessions(endpoint):
     """A world's session and a robot's, connected."""
-    folder = tempfile.mkdtemp(prefix="u")
-    endpoint = f"unixsock-stream/{folder}/s"
     with (
         zenoh.open(world_session(endpoint).to_zenoh()) as world,
         zenoh.open(client_session(endpoint).to_zenoh()) as robot,
     ):
         yield world, robot
-    shutil.rmtree(folder)
 
 
 def declare(session, world, inbox):

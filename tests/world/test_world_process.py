@@ -1,10 +1,8 @@
 """The world as a real process, with scripted robots on real sessions."""
 
 import os
-import shutil
 import signal
 import socket
-import tempfile
 import threading
 
 import pytest
@@ -15,13 +13,6 @@ from protocol.codec import decode, encode
 from protocol.messages import PublicScene
 from protocol.scenario import Sensing
 from world.world import World
-
-
-@pytest.fixture
-def endpoint():
-    folder = tempfile.mkdtemp(prefix="u")  # short: a socket's path holds about a hundred characters
-    yield f"unixsock-stream/{folder}/s"
-    shutil.rmtree(folder)
 
 
 @pytest.fixture
