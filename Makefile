@@ -48,7 +48,7 @@ $(VENV)/ready: pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable .
 	@touch $@
 
-$(VENV)/ready-for-tests: $(VENV)/ready tests/deploy/compose-tool.txt
+$(VENV)/ready-for-tests: $(VENV)/ready tests/processes/deploy/compose-tool.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[dev,orca]"
-	$(BIN)/python -m pip install --quiet --require-hashes --no-deps --requirement tests/deploy/compose-tool.txt
+	$(BIN)/python -m pip install --quiet --require-hashes --no-deps --requirement tests/processes/deploy/compose-tool.txt
 	@touch $@

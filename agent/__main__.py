@@ -10,29 +10,28 @@ from typing import Annotated, Any
 import typer
 import zenoh
 
-from agent.checking.command import check_device
-from agent.checking.device import Device
-from agent.configuration import options_in
-from agent.estimation import DEFAULT_GOALS, GoalsName
-from agent.health import RobotHealth
-from agent.joining import SceneError
-from agent.orca import is_available
-from agent.process import MakeAgent, RobotOptions, RobotProcess, make_agent
-from agent.solver import ITERATIONS, SolverName
-from agent.warm import CompilingError
-from agent.watch import watched
+from agent.check.command import check_device
+from agent.check.findings import Device
+from agent.estimate import DEFAULT_GOALS, GoalsName
+from agent.process.health import RobotHealth, watched
+from agent.process.joining import SceneError
+from agent.process.options import options_in
+from agent.process.robot import MakeAgent, RobotOptions, RobotProcess, make_agent
+from agent.process.warm import CompilingError
+from agent.solve import ITERATIONS, SolverName
+from agent.solve.orca import is_available
+from chassis.logs import log_to_journal
+from chassis.signals import end_with_parent, on_wish_to_end
+from chassis.watching import HELP as WATCH_PORT_HELP
+from chassis.watching import VARIABLE as WATCH_PORT
+from chassis.watching import WatchPortError
+from chassis.yaml_file import YamlFileError
 from protocol.codec import MessageError
 from protocol.device_keys import DeviceKeys
 from protocol.identity import IdentityError, client_identity
 from protocol.keys import checked_name
-from protocol.logs import log_to_journal
 from protocol.scene import MAX_ROBOTS, Goal
 from protocol.session import reason_of
-from protocol.signals import end_with_parent, on_wish_to_end
-from protocol.watch_port import HELP as WATCH_PORT_HELP
-from protocol.watch_port import VARIABLE as WATCH_PORT
-from protocol.watch_port import WatchPortError
-from protocol.yaml_file import YamlFileError
 
 NOT_READY = 1
 WRONG_USAGE = 2

@@ -4,21 +4,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import count
 
-from agent.acting import first_input, second_input, without_a_plan
-from agent.deadline import Deadline
-from agent.estimation import GoalsName
-from agent.estimation.interface import known_goal
-from agent.given import GivenCommands
+from agent.drive.commands import GivenCommands, first_input, second_input, without_a_plan
+from agent.drive.monitor import CollisionMonitor
+from agent.drive.vigilance import Vigilance
+from agent.estimate import GoalsName
+from agent.estimate.interface import known_goal
 from agent.methods import method_of
-from agent.monitor import CollisionMonitor
-from agent.perception import Perception
-from agent.planning import Plan, plan_of
-from agent.prediction import Prediction
-from agent.solver import ITERATIONS, SolverName, joint_solver
-from agent.solver.problem import JointSolver
-from agent.stopwatch import Clock, Stopwatch
-from agent.vehicle import Array
-from agent.vigilance import Vigilance
+from agent.remember.perception import Perception
+from agent.solve import ITERATIONS, SolverName, joint_solver
+from agent.solve.deadline import Clock, Deadline, Stopwatch
+from agent.solve.planning import Plan, plan_of
+from agent.solve.prediction import Prediction
+from agent.solve.problem import JointSolver
+from agent.solve.vehicle import Array
 from protocol.arrival import has_arrived
 from protocol.messages import Command, Degradation, Mind, Observation, Phase, Positions, State
 from protocol.scene import Goal, Scene
@@ -59,7 +57,7 @@ class Agent:
         goal: its own goal, which it tells nobody.
         scene: what everybody may know.
         goals: how it comes to know what the others will do: a name that ``agent.methods`` knows.
-        solver: how trajectory problems are solved: a name that ``agent.solver.joint_solver`` knows.
+        solver: how trajectory problems are solved: a name that ``agent.solve.joint_solver`` knows.
         clock: times the phases for ``mind``; it changes no decision.
         iterations: of the real-time solver a problem, at most.
         deadline: after it a decision improves its trajectories no further; None for no limit.

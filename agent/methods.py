@@ -2,16 +2,16 @@
 
 from typing import NamedTuple
 
-from agent.deadline import Deadline
-from agent.estimation import ESTIMATORS, GoalsName
-from agent.estimation.constant_acceleration import ConstantAcceleration
-from agent.estimation.interface import GoalEstimator
-from agent.estimation.unestimated import Unestimated
-from agent.independent import ConstantVelocity, IndependentPredictor
-from agent.orca import OrcaPlanner
-from agent.planning import Planner
-from agent.prediction import Predictor
-from agent.solver.problem import JointSolver
+from agent.estimate import ESTIMATORS, GoalsName
+from agent.estimate.constant_acceleration import ConstantAcceleration
+from agent.estimate.exchanged import Unestimated
+from agent.estimate.interface import GoalEstimator
+from agent.solve.deadline import Deadline
+from agent.solve.independent import ConstantVelocity, IndependentPredictor
+from agent.solve.orca import OrcaPlanner
+from agent.solve.planning import Planner
+from agent.solve.prediction import Predictor
+from agent.solve.problem import JointSolver
 from protocol.scene import Scene
 
 

@@ -12,24 +12,23 @@ import agent.__main__
 import world.__main__
 import world.ros2.__main__
 from agent.cli import VersionOption
-from agent.estimation import DEFAULT_GOALS, GoalsName
-from agent.solver import ITERATIONS, SolverName
-from fleet.auditing.command import audit, replay
+from agent.estimate import DEFAULT_GOALS, GoalsName
+from agent.solve import ITERATIONS, SolverName
+from fleet.audit.command import audit, replay
 from fleet.bench.command import bench
-from fleet.certificates.command import app as keys
-from fleet.compiling import announced
-from fleet.conduct import Stream, conduct
-from fleet.evaluation.command import evaluate
-from fleet.experiment import Experiment, prepare
-from fleet.facts import VIRTUAL
-from fleet.live import run_processes
-from fleet.reporting.command import report
-from fleet.simulation import simulate as simulate_messages
+from fleet.evaluate.command import evaluate
+from fleet.faults.command import faults
+from fleet.keys.command import app as keys
+from fleet.report.command import report
+from fleet.run.compiling import announced
+from fleet.run.conduct import Stream, conduct
+from fleet.run.experiment import VIRTUAL, Experiment, prepare
+from fleet.run.live import run_processes
+from fleet.run.supervision import Restart
+from fleet.run.virtual import simulate as simulate_messages
+from fleet.scenarios.command import app as scenarios
 from fleet.status.command import status
-from fleet.suites.command import app as scenarios
-from fleet.supervision import Restart
-from fleet.trials.command import faults
-from protocol.scenario_file import ScenarioError
+from protocol.scenario import ScenarioError
 from world.process import ClockKind, ExitStatus
 
 app = typer.Typer(

@@ -1,11 +1,144 @@
 """How a client of the world proves who it is: by a password on one machine, by keys across machines."""
 
+import secrets
+import stat
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from datetime import datetime
+from ipaddress import ip_address
 from pathlib import Path
 
+from chassis.files import write_private
 from protocol.device_keys import DeviceKeys, KeysError, check_name, load_device_keys
-from protocol.endpoint import UnfitEndpointError, check_keys_fit
-from protocol.passwords import Login, PasswordError, read_password
+
+ON_THIS_MACHINE = ("unixsock-stream/", "unixpipe/")
+ENCRYPTED = "tls/"
+
+
+class UnfitEndpointError(Exception):
+    """An endpoint that does not go with the keys that are given; the text says why and what to do."""
+
+
+def is_local(endpoint: str) -> bool:
+    """Whether only processes on this machine can reach it: a socket in the file system, or loopback."""
+    if endpoint.startswith(ON_THIS_MACHINE):
+        return True
+    host = endpoint.partition("/")[2].rpartition(":")[0].strip("[]")
+    if host == "localhost":
+        return True
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def check_keys_fit(endpoint: str, keys: Path | None) -> None:
+    """Refuse keys where nothing is encrypted, and encryption without keys.
+
+    Args:
+        endpoint: where the world listens.
+        keys: the folder of this device's keys, if it is given.
+
+    Raises:
+        UnfitEndpointError: the two do not go together, or the endpoint is one at which Zenoh cannot encrypt.
+    """
+    encrypted = endpoint.startswith(ENCRYPTED)
+    if keys is not None and not encrypted:
+        raise UnfitEndpointError(
+            f"{endpoint} is not encrypted, so keys prove nothing there; an endpoint such as "
+            "tls/world.local:7447 is expected with --keys"
+        )
+    if encrypted and keys is None:
+        raise UnfitEndpointError(
+            f"{endpoint} is encrypted; the folder with the keys of this device is expected in --keys, as "
+            "'unspoken keys create' makes it"
+        )
+    if endpoint.startswith(f"{ENCRYPTED}["):
+        raise UnfitEndpointError(
+            f"{endpoint}: Zenoh encrypts nothing at an IPv6 address; a host name or an IPv4 one is expected"
+        )
+
+
+PASSWORD_BYTES = 24
+
+
+class PasswordError(Exception):
+    """A file of passwords that cannot be used; the text says why and what to do."""
+
+
+@dataclass(frozen=True)
+class Login:
+    """A name and the password that proves it; the password shows up in no representation."""
+
+    user: str
+    password: str = field(repr=False)
+
+
+def new_passwords(names: Iterable[str]) -> dict[str, str]:
+    """A random password for each name."""
+    return {name: secrets.token_urlsafe(PASSWORD_BYTES) for name in names}
+
+
+def write_users(path: Path, passwords: Mapping[str, str]) -> None:
+    """Write the file that tells a world who may connect, for its owner alone.
+
+    Raises:
+        OSError: it exists, or cannot be written.
+    """
+    write_private(path, "".join(f"{name}:{password}\n" for name, password in passwords.items()))
+
+
+def write_password(path: Path, password: str) -> None:
+    """Write the file that tells one participant its password, for its owner alone.
+
+    Raises:
+        OSError: it exists, or cannot be written.
+    """
+    write_private(path, password + "\n")
+
+
+def read_users(path: Path) -> tuple[str, ...]:
+    """The names in a file of a world's users.
+
+    Raises:
+        PasswordError: it cannot be read, can be read by others, or a line of it is not ``name:password``.
+    """
+    names = []
+    for number, line in enumerate(_read_private(path).splitlines(), start=1):
+        name, _, password = line.partition(":")
+        if not name or not password:
+            raise PasswordError(f"{path}, line {number}: name:password is expected on every line")
+        names.append(name)
+    return tuple(names)
+
+
+def read_password(path: Path) -> str:
+    """The password in a file.
+
+    Raises:
+        PasswordError: it cannot be read, can be read by others, or does not hold one line.
+    """
+    lines = _read_private(path).splitlines()
+    if len(lines) != 1 or not lines[0]:
+        raise PasswordError(f"{path}: {len(lines)} lines found, one line with the password is expected")
+    return lines[0]
+
+
+def _read_private(path: Path) -> str:
+    try:
+        mode = stat.S_IMODE(path.stat().st_mode)
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise PasswordError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError:
+        raise PasswordError(f"{path}: not a text file; passwords are expected in it") from None
+    if mode & 0o077:
+        raise PasswordError(
+            f"{path}: others can read these passwords (mode {mode:04o}); do `chmod 600 {path}`, and make "
+            "new passwords if others could have read them"
+        )
+    return text
+
 
 Identity = Login | DeviceKeys | None
 """None: a world that asks for nothing."""

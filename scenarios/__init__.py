@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
 
-from protocol.scenario_file import ScenarioError
+from protocol.scenario import ScenarioError
 
 HERE = Path(__file__).parent
 

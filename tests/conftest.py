@@ -12,10 +12,13 @@ from tempfile import TemporaryDirectory
 import pytest
 from hypothesis import settings
 
-from agent.warm import compile_in_background
+from agent.process.warm import compile_in_background
 
 HERE = Path(__file__).parent
-WITHOUT_SOLVER = [HERE / folder for folder in ("deploy", "protocol", "silence", "world")]
+WITHOUT_SOLVER = [
+    HERE / folder
+    for folder in ("processes/deploy", "processes/silence", "unit/chassis", "unit/protocol", "unit/world")
+]
 
 settings.register_profile("unspoken", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)

@@ -4,10 +4,10 @@ from typing import Annotated
 
 import typer
 
-from protocol.logs import log_to_journal
-from protocol.scenario_file import ScenarioError, load_scenario
-from protocol.signals import end_with_parent
-from protocol.watch_port import WatchPortError
+from chassis.logs import log_to_journal
+from chassis.signals import end_with_parent
+from chassis.watching import WatchPortError
+from protocol.scenario import ScenarioError, load_scenario
 from scenarios import find
 from world.access import Access, AccessError
 from world.options import (

@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
+from chassis.watching import HELP as WATCH_PORT_HELP
+from chassis.watching import VARIABLE as WATCH_PORT
 from protocol.keys import NAME_RULE, checked_name
-from protocol.watch_port import HELP as WATCH_PORT_HELP
-from protocol.watch_port import VARIABLE as WATCH_PORT
 
 LONGEST_WAIT_S = 86_400.0
 

@@ -8,18 +8,17 @@ from enum import IntEnum, StrEnum
 import structlog
 import zenoh
 
+from chassis.signals import on_wish_to_end
 from protocol.keys import BENCH_NAME, Keys
 from protocol.messages import PublicScene
 from protocol.scenario import Scenario
 from protocol.session import SessionSettings, reason_of, receive_on_threads
-from protocol.signals import on_wish_to_end
 from world.access import Access, most_sessions
 from world.bus import Bus
 from world.clock import Clock, LockStep, RealTime
-from world.health import WorldHealth
+from world.health import WorldHealth, watched
 from world.inbox import Inbox
 from world.run import Run
-from world.watch import watched
 from world.world import World
 
 FAREWELL_S = 10.0

@@ -6,15 +6,15 @@ from typing import Protocol
 
 from structlog.typing import FilteringBoundLogger
 
+from chassis.health import BEAT_S
 from protocol.keys import BENCH_NAME
 from protocol.messages import Command, Observation, Refusals, Truth
-from protocol.vital_signs import BEAT_S
+from world.access import Versions
 from world.clock import Clock
 from world.health import WorldHealth
 from world.inbox import Arrivals, Inbox
 from world.judge import Answered, Heed, Judge
 from world.notices import Misses
-from world.versions import Versions
 
 RETURN_S = 5.0
 """How long lock-step stands still for the first of them to come back when all have been lost."""

@@ -14,7 +14,7 @@ from fleet.bench.layout import new_table, number
 from fleet.bench.settings import Settings
 from fleet.bench.stars import Protection, star
 from fleet.bench.watch import Watch
-from fleet.crew import Crew, ProcessFailedError
+from fleet.run.crew import Crew, ProcessFailedError
 from protocol.keys import Keys
 from protocol.messages import PublicScene
 from world.bus import Bus

@@ -6,14 +6,14 @@ from itertools import combinations
 
 import numpy as np
 
-from agent.deadline import Deadline
-from agent.estimation.interface import known_goal
-from agent.memory import Memory
-from agent.problems import WarmStarts, joint_problem
-from agent.solver import ITERATIONS, SolverName, joint_solver
-from agent.solver.choice import best_solution
-from agent.solver.problem import JointProblem, JointSolver, Solution, Start
-from agent.vehicle import Array, rollout
+from agent.estimate.interface import known_goal
+from agent.remember.memory import Memory
+from agent.solve import ITERATIONS, SolverName, joint_solver
+from agent.solve.choice import best_solution
+from agent.solve.deadline import Deadline
+from agent.solve.problem import JointProblem, JointSolver, Solution, Start
+from agent.solve.problems import WarmStarts, joint_problem
+from agent.solve.vehicle import Array, rollout
 from fleet.bench.durations import Duration, Timer
 from protocol.scenario import Scenario
 from protocol.vehicle import Input, braking_input
@@ -40,7 +40,7 @@ class Solved:
 
 
 class TimedSolver:
-    """Solves a step's problem as ``agent.prediction`` does, with a stopwatch.
+    """Solves a step's problem as ``agent.solve.prediction`` does, with a stopwatch.
 
     Args:
         name: of the solver.

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from fleet.bench.settings import MOST_ROBOTS, SectionName, Settings
-from fleet.report_file import JsonOption
+from fleet.record.report_file import JsonOption
 
 DEFAULT = Settings()
 

@@ -14,14 +14,14 @@ from fleet.bench.durations import Record
 from fleet.bench.layout import new_table, number
 from fleet.bench.settings import Settings
 from fleet.bench.watch import Watch
-from fleet.crew import ProcessFailedError
+from fleet.run.crew import ProcessFailedError
 
 LOOK_S = 0.2
 WARM_UP = """
 import os
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-from agent.warm import warm_up
+from agent.process.robot.warm import warm_up
 warm_up('ioc', 'realtime')
 """
 

@@ -9,9 +9,9 @@ from fleet.bench.measuring import Measuring
 from fleet.bench.report import show
 from fleet.bench.settings import Settings
 from fleet.bench.watch import Watch
-from fleet.crew import ProcessFailedError
 from fleet.interruption import Interruption
-from fleet.report_file import TO_STDOUT, write_report
+from fleet.record.report_file import TO_STDOUT, write_report
+from fleet.run.crew import ProcessFailedError
 from world.process import ExitStatus
 
 WIDTH = 120

@@ -12,8 +12,7 @@ from fleet.bench.durations import Distribution, Duration, Record, Timer, Times
 from fleet.bench.layout import new_table, number
 from fleet.bench.settings import Settings
 from fleet.bench.watch import Watch
-from protocol.scenario import Scenario
-from protocol.scenario_file import load_scenario
+from protocol.scenario import Scenario, load_scenario
 from scenarios import find
 from world.world import World
 

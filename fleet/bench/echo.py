@@ -7,13 +7,13 @@ from pathlib import Path
 import structlog
 import zenoh
 
-from agent.inbox import Inbox
+from agent.process.inbox import Inbox
+from chassis.signals import end_with_parent, on_wish_to_end
 from protocol.codec import encode
 from protocol.identity import client_identity
 from protocol.keys import Keys
 from protocol.messages import Command, Observation
 from protocol.session import client_session
-from protocol.signals import end_with_parent, on_wish_to_end
 
 
 def main() -> None:

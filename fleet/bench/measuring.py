@@ -3,7 +3,7 @@
 import time
 from collections import defaultdict
 
-from agent.warm import warm_up
+from agent.process.warm import warm_up
 from fleet.bench.durations import Record
 from fleet.bench.figures import SECTIONS, Figures
 from fleet.bench.machine import this_machine
@@ -11,7 +11,7 @@ from fleet.bench.report import Report
 from fleet.bench.settings import SectionName, Settings
 from fleet.bench.targets import judge
 from fleet.bench.watch import Watch
-from fleet.compiling import announced, compile_solver
+from fleet.run.compiling import announced, compile_solver
 
 
 class Measuring:

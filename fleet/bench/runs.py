@@ -12,10 +12,10 @@ from fleet.bench.layout import new_table, number
 from fleet.bench.resident import agents, taken_by
 from fleet.bench.settings import Settings
 from fleet.bench.watch import Watch
-from fleet.experiment import Experiment, prepare
-from fleet.live import run_processes
-from fleet.stream import BusMessage
-from fleet.summary import Summary, Tally
+from fleet.record.stream import BusMessage
+from fleet.record.summary import Summary, Tally
+from fleet.run.experiment import Experiment, prepare
+from fleet.run.live import run_processes
 from protocol.messages import Truth
 from world.process import ClockKind
 

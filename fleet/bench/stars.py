@@ -8,9 +8,9 @@ from enum import StrEnum
 from pathlib import Path
 from typing import NamedTuple
 
-from fleet.certificates.devices import LOCAL_HOSTS, Device, folder_of
-from fleet.certificates.folders import create
-from fleet.logins import Logins
+from fleet.keys.authority import LOCAL_HOSTS, Device, folder_of
+from fleet.keys.folders import create
+from fleet.run.roles import Logins
 from protocol.device_keys import load_device_keys
 from protocol.keys import WORLD_NAME, Keys
 from protocol.policy import access_control, rights_of

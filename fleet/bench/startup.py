@@ -15,7 +15,7 @@ from fleet.bench.layout import new_table, number
 from fleet.bench.resident import agents, taken_by
 from fleet.bench.settings import Settings
 from fleet.bench.watch import Watch
-from fleet.crew import Crew, ProcessFailedError
+from fleet.run.crew import Crew, ProcessFailedError
 from protocol.keys import Keys
 from protocol.messages import PublicScene
 from protocol.scenario import Scenario, ScenarioRobot

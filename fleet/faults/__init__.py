@@ -1,1 +1,1 @@
-"""Faults brought about: in virtual time, and between and in real processes, by the same rules."""
+"""Trials of faults: cases of a suite, made with many seeds, and what has to hold in each."""

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.monitor import braking_path, positions_ahead
-from agent.vehicle import Array
+from agent.drive.monitor import braking_path, positions_ahead
+from agent.solve.vehicle import Array
 from protocol.messages import TrueRobot, Truth
 from protocol.scene import Scene
 from protocol.vehicle import Input

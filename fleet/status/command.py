@@ -13,11 +13,10 @@ from rich.console import Console
 
 from agent.__main__ import key_name
 from fleet.interruption import Interruption
-from fleet.status.following import Follower, follow_live
+from fleet.status.listening import UnreachableError, is_listened_at, listening
 from fleet.status.reach import NoRunError, Reach, is_going_on, only_run, reach_of
-from fleet.status.showing import shown
 from fleet.status.standing import Status
-from fleet.status.watching import UnreachableError, is_listened_at, listening
+from fleet.status.table import Follower, follow_live, shown
 from protocol.identity import Identity, IdentityError, client_identity
 from protocol.keys import BENCH_NAME
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import structlog
 from pydantic import ValidationError
 
+from chassis.files import write_private
 from protocol.keys import Name
-from protocol.private_files import write_private
 from protocol.scene import Settings
 
 FILE = ".reach.json"

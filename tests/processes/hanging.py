@@ -10,10 +10,10 @@ from typing import Any
 import typer
 
 import agent.__main__
-import protocol.vital_signs
+import chassis.health
 import world.__main__
 from agent.agent import Decision
-from agent.process import Decides, RobotOptions, make_agent
+from agent.process.robot import Decides, RobotOptions, make_agent
 from protocol.messages import Observation
 from protocol.scene import Scene
 from world.world import World
@@ -47,7 +47,7 @@ class HangingWorld(World):
 
 if __name__ == "__main__":
     what = sys.argv.pop(1)
-    protocol.vital_signs.LONGEST_SILENCE_S = 1.0  # so that the test need not wait for ten
+    chassis.health.LONGEST_SILENCE_S = 1.0  # so that the test need not wait for ten
     if what == "world":
         sys.modules["world.process"].World = HangingWorld  # type: ignore[attr-defined]
     robot = agent.__main__.command_line_of(hanging_agent)

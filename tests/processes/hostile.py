@@ -11,9 +11,9 @@ from pathlib import Path
 import zenoh
 
 from protocol.codec import encode
+from protocol.identity import Login, read_password
 from protocol.keys import Keys
 from protocol.messages import Command, Mind, Timings
-from protocol.passwords import Login, read_password
 from protocol.session import client_session
 
 ANSWER_S = 200.0

@@ -14,11 +14,11 @@ from typing import Any, Self
 import yaml
 import zenoh
 
-from fleet.recording import read_recording
+from fleet.record.recording import read_recording
 from protocol.codec import decode
+from protocol.identity import Login
 from protocol.keys import BENCH_NAME, Keys
 from protocol.messages import Message, Truth
-from protocol.passwords import Login
 from protocol.session import client_session
 from scenarios import find
 

@@ -27,7 +27,7 @@ def test_a_run_that_is_interrupted_while_it_compiles_ends_at_once_and_in_order(
     run = bench("out", command, scenario, env={"NUMBA_CACHE_DIR": cache})
     until(lambda: any(cache.glob(COMPILING)), "compiling")
     children = run.children()
-    assert [line[-1] for line in children.values()] == ["agent.warm"]
+    assert [line[-1] for line in children.values()] == ["agent.process.warm"]
     run.signal(number)
     assert run.end() == 1
     assert "compiling the solver (once on this machine" in run.told

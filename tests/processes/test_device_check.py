@@ -7,7 +7,7 @@ import sys
 import pytest
 from process_helpers import endless
 
-from protocol.passwords import new_passwords, write_password, write_users
+from protocol.identity import new_passwords, write_password, write_users
 
 
 @pytest.fixture

@@ -14,8 +14,8 @@ import pytest
 from distributed import Client
 from process_helpers import PATIENCE_S, Process, endless, is_alive, until
 
-from fleet.evaluation.results import RUNS, read_evaluation, read_rows
-from fleet.evaluation.running import execute
+from fleet.evaluate.results import RUNS, read_evaluation, read_rows
+from fleet.evaluate.running import execute
 
 DASK = Path(sys.executable).with_name("dask")
 MADE_BY_CHANCE = re.compile(r"_cpu_|^cpu_s$|^wall_s$")
@@ -37,7 +37,7 @@ def workers_of(process: Process) -> list[int]:
 
 def have_made_runs(client: Client) -> list[bool]:
     """Each worker of a cluster."""
-    return list(client.run(lambda: "fleet.evaluation.running" in sys.modules).values())
+    return list(client.run(lambda: "fleet.evaluate.running" in sys.modules).values())
 
 
 def driven(rows) -> dict[object, dict[str, object]]:

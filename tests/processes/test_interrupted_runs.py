@@ -7,7 +7,7 @@ import signal
 import pytest
 from process_helpers import endless, recorded, until
 
-from fleet.recording import RecordingError
+from fleet.record.recording import RecordingError
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 

@@ -15,8 +15,8 @@ from attempts import ATTEMPTS, got_through, ping, tcp, udp
 from network_namespaces import Network, NetworkError, Place, command, left
 from process_helpers import UNSPOKEN, lanes, write_scenario
 
-from fleet.certificates.devices import Device, Host
-from fleet.certificates.folders import create
+from fleet.keys.authority import Device, Host
+from fleet.keys.folders import create
 from protocol.keys import WORLD_NAME
 
 pytestmark = [

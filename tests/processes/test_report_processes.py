@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fleet.evaluation.results import read_rows
+from fleet.evaluate.results import read_rows
 
 
 @pytest.mark.slow

@@ -12,11 +12,10 @@ import psutil
 import pytest
 import zenoh
 
-from fleet.recording import read_recording
+from fleet.record.recording import read_recording
 from protocol.codec import decode
 from protocol.messages import Command, Mind, Truth
-from protocol.scenario import Pose, Scenario, ScenarioRobot
-from protocol.scenario_file import scenario_text
+from protocol.scenario import Pose, Scenario, ScenarioRobot, scenario_text
 
 SOAK_S = float(os.environ.get("SOAK_S", "150"))
 """Simulated seconds; an hour takes some ten minutes."""

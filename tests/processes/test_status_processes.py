@@ -16,7 +16,7 @@ import pytest
 from process_helpers import PATIENCE_S, UNSPOKEN, Bench, Process, endless, lanes, until, write_scenario
 
 from fleet.status.reach import FILE
-from protocol.passwords import new_passwords, write_password, write_users
+from protocol.identity import new_passwords, write_password, write_users
 
 Start = Callable[..., Process]
 

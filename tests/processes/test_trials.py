@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from fleet.trials.cases import BUNDLED, load_cases
+from fleet.faults.cases import BUNDLED, load_cases
 
 CASES = [case.name for case in load_cases(BUNDLED)]
 GROUPS = [CASES[first::5] for first in range(5)]

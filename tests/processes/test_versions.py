@@ -6,7 +6,7 @@ import sys
 import pytest
 from process_helpers import lanes, write_scenario
 
-from protocol.passwords import new_passwords, write_password, write_users
+from protocol.identity import new_passwords, write_password, write_users
 
 NEWER = (
     sys.executable,

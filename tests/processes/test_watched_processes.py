@@ -11,7 +11,7 @@ import pytest
 from notify_socket import NotifySocket
 from process_helpers import Process, endless, until
 
-from protocol.watch_port import LIVE, METRICS, READY, WatchPortError, ask
+from chassis.watching import LIVE, METRICS, READY, WatchPortError, ask
 
 WATCHDOG_S = 2.0
 HANGING = Path(__file__).with_name("hanging.py")

@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from protocol.logs import log_to_journal
-from protocol.signals import end_with_parent
-from protocol.watch_port import WatchPortError
-from protocol.yaml_file import YamlFileError, read_as
+from chassis.logs import log_to_journal
+from chassis.signals import end_with_parent
+from chassis.watching import WatchPortError
+from chassis.yaml_file import YamlFileError, read_as
 from world.access import Access, AccessError
 from world.options import (
     InsecureOption,

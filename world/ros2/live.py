@@ -8,8 +8,8 @@ from structlog.typing import FilteringBoundLogger
 
 from protocol.messages import Command, Observation, Refusal, Refusals, Truth
 from world.notices import RefusalNotices
+from world.ros2.bus import Arrival, OdometryInbox
 from world.ros2.cdr import STOP, CdrError, Twist, decode_odometry
-from world.ros2.inbox import Arrival, OdometryInbox
 from world.ros2.reading import OdometryError, Reason
 from world.ros2.world import OdometryWorld
 

@@ -8,24 +8,21 @@ import structlog
 import zenoh
 from structlog.typing import FilteringBoundLogger
 
+from chassis.signals import on_wish_to_end
 from protocol.keys import Keys
 from protocol.messages import PublicScene
-from protocol.opening import Opening
-from protocol.session import client_session, reason_of, receive_on_threads
-from protocol.signals import on_wish_to_end
+from protocol.session import Opening, client_session, reason_of, receive_on_threads
 from world.access import Access, most_sessions
 from world.bus import Bus
 from world.clock import RealTime
-from world.health import WorldHealth
+from world.health import WorldHealth, watched
 from world.inbox import Inbox
 from world.process import FAREWELL_S, EndpointError, open_session
-from world.ros2.bus import Ros
-from world.ros2.inbox import OdometryInbox
+from world.ros2.bus import OdometryInbox, Ros
 from world.ros2.live import LiveWorld
 from world.ros2.settings import Ros2Bridge
 from world.ros2.world import OdometryWorld
 from world.run import Run
-from world.watch import watched
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from chassis.yaml_file import mistake_at
 from protocol.keys import Id
 from protocol.messages import Accuracy
-from protocol.mistakes import mistake_at
 from protocol.scene import MAX_ROBOTS, Metres, NonNegative, PublicRobot, Rules, Scene, Settings
 
 _FULL_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")

@@ -20,9 +20,8 @@ from world.judge import refusal_at
 from world.physics import VehicleState
 from world.referee import Distances
 from world.ros2.cdr import STOP, Odometry, Twist
-from world.ros2.reading import OdometryError, Reading, reading_of
+from world.ros2.reading import OdometryError, Reading, Stamps, reading_of
 from world.ros2.settings import Ros2Bridge, Ros2Robot
-from world.ros2.timing import Stamps
 from world.vehicle import Vehicle
 
 FIRST_STEP = 1

@@ -1,0 +1,222 @@
+"""Whether the world is there, lets this robot in, and fits it."""
+
+import re
+import socket
+import ssl
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import NamedTuple
+
+import zenoh
+
+from agent.check.findings import Device, Finding
+from agent.process.joining import SceneError, ask_for_scene, refuse_strangers
+from agent.process.robot import make_agent
+from protocol.codec import MessageError
+from protocol.device_keys import DeviceKeys
+from protocol.identity import Identity
+from protocol.keys import Keys
+from protocol.messages import PublicScene
+from protocol.scene import Scene
+from protocol.session import brief_session, reason_of
+from protocol.version import PROTOCOL_VERSION
+
+LISTENS_S = 3.0
+"""In this time a connection has to come about."""
+REFUSED_S = 0.5
+"""In this time a world that does not believe a certificate says so; it hangs up on silence after 1 s."""
+_SOCKET = "unixsock-stream/"
+_ADDRESS = re.compile(r"^(?:tcp|tls)/(?P<host>\[[^\]]+\]|[^:\[\]]+):(?P<port>\d{1,5})$")
+
+
+class UnreachableError(Exception):
+    """Nobody is reached there; the text says why and what to do."""
+
+
+def look_at(endpoint: str, keys: DeviceKeys | None) -> None:
+    """Connect, by TLS where the endpoint wants it, and hang up.
+
+    An endpoint of another kind is left to Zenoh.
+
+    Args:
+        endpoint: of the world.
+        keys: that prove who this is.
+
+    Raises:
+        UnreachableError: nobody listens, or one side does not believe the other's certificate.
+    """
+    plain = re.split("[?#]", endpoint)[0]
+    if plain.startswith(_SOCKET):
+        with _connected(plain.removeprefix(_SOCKET), endpoint):
+            return
+    address = _ADDRESS.match(plain)
+    if address is None:
+        return
+    host = address["host"].strip("[]")
+    with _connected((host, int(address["port"])), endpoint) as connection:
+        if keys is not None:
+            _shake_hands(connection, host, keys, endpoint)
+
+
+@contextmanager
+def _connected(address: tuple[str, int] | str, endpoint: str) -> Iterator[socket.socket]:
+    """A connection to a host and port, or to a socket in the file system."""
+    try:
+        connection = _connect(address)
+    except socket.gaierror:
+        raise UnreachableError(
+            f"{endpoint}: this device knows no host of that name; give the world's address in --connect"
+        ) from None
+    except (ConnectionRefusedError, FileNotFoundError):
+        raise UnreachableError(
+            f"{endpoint}: nobody listens there; start the world, or give its endpoint in --connect"
+        ) from None
+    except TimeoutError:
+        raise UnreachableError(
+            f"{endpoint}: no answer within {LISTENS_S:g} s; look at the network, at firewalls, and whether "
+            "this is the world's address"
+        ) from None
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise UnreachableError(f"{endpoint}: cannot be reached: {reason}; look at the network") from None
+    with connection:
+        yield connection
+
+
+def _connect(address: tuple[str, int] | str) -> socket.socket:
+    if isinstance(address, tuple):
+        return socket.create_connection(address, LISTENS_S)
+    with ExitStack() as stack:
+        connection = stack.enter_context(socket.socket(socket.AF_UNIX))
+        connection.settimeout(LISTENS_S)
+        connection.connect(address)
+        stack.pop_all()
+        return connection
+
+
+def _shake_hands(connection: socket.socket, host: str, keys: DeviceKeys, endpoint: str) -> None:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.load_verify_locations(keys.authority)
+    context.load_cert_chain(keys.certificate, keys.key)
+    try:
+        with context.wrap_socket(connection, server_hostname=host) as encrypted:
+            encrypted.settimeout(REFUSED_S)
+            _await_refusal(encrypted)
+    except ssl.SSLCertVerificationError as error:
+        raise UnreachableError(
+            f"{endpoint}: TLS refused here: the certificate of whoever listens there is not believed: "
+            f"{error.verify_message}; it needs one by the same authority that names this host: see 'unspoken "
+            "keys create --host'"
+        ) from None
+    except (OSError, EOFError) as error:  # ssl.SSLError is an OSError
+        reason = getattr(error, "reason", None) or getattr(error, "strerror", None) or "it hung up"
+        raise UnreachableError(
+            f"{endpoint}: TLS refused there: {reason}; the world must listen at tls/… with keys by the same "
+            "authority as those of this device"
+        ) from None
+
+
+def _await_refusal(encrypted: ssl.SSLSocket) -> None:
+    """In TLS 1.3 the other side judges our certificate after the handshake; silence is consent."""
+    try:
+        said = encrypted.recv(1)
+    except TimeoutError:
+        return
+    if not said:
+        raise EOFError
+
+
+ITEM = "world"
+SESSION_S = 3.0
+"""In this time a session has to come about."""
+ANSWERS_S = 3.0
+"""In this time the world has to answer."""
+PAUSE_S = 0.1
+"""Between two questions."""
+
+
+class Reached(NamedTuple):
+    """What has come of it."""
+
+    finding: Finding
+    scene: Scene | None = None
+
+
+def check_world(device: Device, identity: Identity, *, proven: bool) -> Reached:
+    """Ask the world for its scene, and nothing else: no presence, no interest, no command.
+
+    Args:
+        device: its options.
+        identity: that proves who this is.
+        proven: whether the credentials can be used; without them only the listener is looked for.
+    """
+    try:
+        look_at(device.connect, identity if isinstance(identity, DeviceKeys) else None)
+        if not proven:
+            told = f"somebody listens at {device.connect}; not asked, since the credentials have failed"
+            return Reached(Finding(ITEM, "warning", told))
+        with _session(device, identity) as session:
+            return _judged(device, identity, session)
+    except (UnreachableError, SceneError) as error:
+        return Reached(Finding(ITEM, "failed", str(error)))
+
+
+def _session(device: Device, identity: Identity) -> zenoh.Session:
+    settings = brief_session(device.connect, identity, SESSION_S)
+    try:
+        config = settings.to_zenoh()
+    except zenoh.ZError as error:
+        raise UnreachableError(
+            f"the endpoint {device.connect} cannot be used: {reason_of(error)}; one such as "
+            "tcp/127.0.0.1:7447 is expected in --connect"
+        ) from None
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError:
+        given = (
+            "the password" if device.password_file else "the certificate" if device.keys else "no credentials"
+        )
+        raise UnreachableError(
+            f"somebody listens at {device.connect} and does not let robot {device.robot} in with {given}: "
+            "refused, or that is no world; compare them with what the world was given"
+        ) from None
+
+
+def _judged(device: Device, identity: Identity, session: zenoh.Session) -> Reached:
+    begin_s = time.perf_counter()
+    public = _answer(device, session)
+    if public is None:
+        told = (
+            f"{device.connect} lets this robot in and tells it nothing: its run is not {device.run!r}, or it "
+            f"grants nothing to a robot {device.robot!r}; compare --run and --robot with those of the world"
+        )
+        return Reached(Finding(ITEM, "failed", told))
+    took_ms = 1000.0 * (time.perf_counter() - begin_s)
+    scene = public.scene
+    refuse_strangers(device.robot, scene)
+    try:
+        make_agent(device.options(identity), scene)
+    except ValueError as error:
+        raise SceneError(str(error)) from error
+    count = len(scene.robots)
+    robots = "1 robot" if count == 1 else f"{count} robots"
+    told = (
+        f"{device.connect} answers in {took_ms:.0f} ms: run {device.run!r} with {robots}, protocol version "
+        f"{PROTOCOL_VERSION} like here"
+    )
+    return Reached(Finding(ITEM, "ok", told), scene)
+
+
+def _answer(device: Device, session: zenoh.Session) -> PublicScene | None:
+    """A world that was started just now answers a moment after it can be reached."""
+    until_s = time.monotonic() + ANSWERS_S
+    while (remaining_s := until_s - time.monotonic()) > 0.0:
+        try:
+            public = ask_for_scene(session, Keys(device.run), device.robot, remaining_s)
+        except MessageError as error:
+            raise SceneError(f"{device.connect} answers what is no scene: {error}") from error
+        if public is not None:
+            return public
+        time.sleep(PAUSE_S)
+    return None

@@ -1,0 +1,190 @@
+"""The last resort: brake where going on would end in a collision, whatever the optimiser thinks.
+
+Robots that agree pass one another closely and fast, and look like a danger long before they would have to
+brake. What tells an agreement from a fault is whether the other does what was expected of it. Of a robot that
+does not, nothing is assumed but that it goes on as it does, or that it brakes as hard as its limits allow.
+"""
+
+import math
+
+import numpy as np
+
+from agent.remember.memory import Memory
+from agent.solve.planning import Plan
+from agent.solve.prediction import Prediction
+from agent.solve.vehicle import Array, rollout, velocity
+from protocol.messages import Accuracy
+from protocol.scene import Scene
+from protocol.vehicle import Input, Limits, braking_input
+
+LOOK_BACK_STEPS = 2
+"""How old the expectation is that a robot is held against."""
+TOLERANCE_M = 0.1
+"""By how much a robot may be elsewhere than expected by the time that this one has come to a stand."""
+SIGMAS = 3.0
+DOUBTED_STEPS = 10
+"""For so long a robot is doubted that was once elsewhere than expected."""
+LONGEST_S = 10.0
+"""No braking is looked at for longer."""
+
+
+class CollisionMonitor:
+    """Judges each plan before it is driven.
+
+    A robot brakes when, for another one that it doubts, three things are true if that one goes on or if it
+    brakes: driven as planned, the collision distance is broken; so it is if one more step is driven and then
+    braked; and braking at once keeps a greater distance. So it brakes as late as it can.
+
+    Attributes:
+        interventions: how often braking has begun so far.
+    """
+
+    def __init__(self, scene: Scene, robot: str) -> None:
+        self._scene = scene
+        self._robot = robot
+        self._expected: dict[int, dict[str, Array]] = {}
+        self._departed: dict[str, int] = {}
+        self._braking = False
+        self.interventions = 0
+
+    def watch(self, memory: Memory, prediction: Prediction | None, accuracy: Accuracy) -> None:
+        """Compare where the others are with what was expected; to be called once a step.
+
+        Args:
+            memory: with the present states.
+            prediction: of this step, to be held against later; None where there is none.
+            accuracy: of what is seen.
+        """
+        step = memory.step
+        old = [made for made in self._expected if made <= step - LOOK_BACK_STEPS]
+        expected = self._expected[max(old)] if old else {}
+        ahead = step - max(old, default=step)
+        stopping_s = self._stopping_s(float(memory.state(self._robot)[3]))
+        for robot in memory.robots:
+            if robot != self._robot and robot in expected and ahead + 1 < len(expected[robot]):
+                state = memory.state(robot)
+                if self._off_m(expected[robot], ahead, state, accuracy, stopping_s) > TOLERANCE_M:
+                    self._departed[robot] = step
+        self._expected = {
+            made: paths for made, paths in self._expected.items() if made >= max(old, default=0)
+        }
+        if prediction is not None and prediction.solved:
+            self._expected[step] = prediction.paths
+
+    def must_brake(self, memory: Memory, plan: Plan, first: Input, previous: Input) -> bool:
+        """Whether to brake now instead of driving the plan's first input; counts when that begins.
+
+        Args:
+            memory: present states of everybody.
+            plan: what the robot means to drive.
+            first: the input that would be driven at this step.
+            previous: the input of the step before.
+        """
+        doubted = [robot for robot in memory.robots if self._doubts(robot, memory.step)]
+        must = bool(doubted) and self._is_danger(memory, doubted, plan, first, previous)
+        self.interventions += must and not self._braking
+        self._braking = must
+        return must
+
+    def _doubts(self, robot: str, step: int) -> bool:
+        return robot in self._departed and step - self._departed[robot] <= DOUBTED_STEPS
+
+    def _stopping_s(self, speed_mps: float) -> float:
+        """About how long this robot takes to come to a stand."""
+        limits = self._scene.robot(self._robot).limits
+        return abs(speed_mps) / limits.acceleration_mps2 + limits.acceleration_mps2 / limits.jerk_mps3
+
+    def _off_m(
+        self, expected: Array, ahead: int, state: Array, accuracy: Accuracy, stopping_s: float
+    ) -> float:
+        """By how much a robot will be elsewhere than expected after a time, beyond what noise explains."""
+        expected_velocity = (expected[ahead + 1] - expected[ahead]) / self._scene.step_s
+        off_mps = math.dist(expected_velocity, velocity(state))
+        off_m = math.dist(expected[ahead], state[:2]) + stopping_s * off_mps
+        noise_mps = accuracy.speed_mps + abs(float(state[3])) * accuracy.heading_rad
+        return off_m - SIGMAS * (accuracy.position_m + stopping_s * noise_mps)
+
+    def _is_danger(
+        self, memory: Memory, others: list[str], plan: Plan, first: Input, previous: Input
+    ) -> bool:
+        step_s, limits = self._scene.step_s, self._scene.robot(self._robot).limits
+        state = memory.state(self._robot)
+        at_once = braking_path(state, previous, limits, step_s)
+        steps = min(len(at_once) + 1, len(plan.states))
+        least_m = np.array([self._scene.collision_distance_m(self._robot, other) for other in others])
+        ways = self._ways(memory, others, steps)
+        planned = gaps_m(plan.states[:steps, :2], ways, least_m)
+        if planned.min() >= 0.0:
+            return False
+        after_one = rollout(state, np.array([first]), step_s)[-1]
+        later = np.concatenate([state[None], braking_path(after_one, first, limits, step_s)])
+        stopping = gaps_m(at_once[:, :2], ways, least_m)
+        too_late = gaps_m(later[:, :2], ways, least_m) < 0.0
+        return bool(((planned < 0.0) & too_late & (stopping > planned)).any())
+
+    def _ways(self, memory: Memory, others: list[str], steps: int) -> Array:
+        """Positions of the others if they go on, and if they brake, shape (2, others, steps, 2)."""
+        states = np.array([memory.state(other) for other in others])
+        turns = np.array([memory.previous_input(other).turn_rate_radps for other in others])
+        slowing = np.array([self._scene.robot(other).limits.acceleration_mps2 for other in others])
+        return np.stack(
+            [
+                positions_ahead(states, turns, np.zeros(len(others)), steps, self._scene.step_s),
+                positions_ahead(states, turns, slowing, steps, self._scene.step_s),
+            ]
+        )
+
+
+def braking_path(state: Array, previous: Input, limits: Limits, step_s: float) -> Array:
+    """States (n, 4), from the present one to the standstill that braking leads to."""
+    inputs, speed = [], float(state[3])
+    for _ in range(math.ceil(LONGEST_S / step_s)):
+        previous = braking_input(limits, previous, speed, step_s)
+        inputs.append(previous)
+        speed += step_s * previous.acceleration_mps2
+        if abs(speed) < 1e-9 and abs(previous.acceleration_mps2) < 1e-9:
+            break
+    return rollout(state, np.array(inputs), step_s)
+
+
+def positions_ahead(
+    states: Array, turn_rates_radps: Array, slowing_mps2: Array, steps: int, step_s: float
+) -> Array:
+    """Where vehicles will be that keep turning as they do and lose speed evenly until they stand.
+
+    Args:
+        states: present ones, shape (n, 4).
+        turn_rates_radps: shape (n,).
+        slowing_mps2: shape (n,); zero for a constant speed.
+        steps: how many positions, the present one included.
+        step_s: Δt in s.
+
+    Returns:
+        Shape (n, steps, 2).
+    """
+    times_s = step_s * np.arange(steps)
+    headings = states[:, 2, None] + turn_rates_radps[:, None] * times_s
+    speeds = np.maximum(np.abs(states[:, 3, None]) - slowing_mps2[:, None] * times_s, 0.0)
+    signed = np.copysign(speeds, states[:, 3, None])[:, :-1, None] * step_s
+    directions = np.stack([np.cos(headings), np.sin(headings)], axis=-1)[:, :-1]
+    start = states[:, None, :2]
+    return np.concatenate([start, start + np.cumsum(signed * directions, axis=1)], axis=1)
+
+
+def gaps_m(path: Array, ways: Array, least_m: Array) -> Array:
+    """Smallest distances between a path and the ways of others, less those that must be kept.
+
+    Whoever has come to the end of its path stays there.
+
+    Args:
+        path: positions, shape (n, 2), the present one first.
+        ways: positions of others, shape (h, m, steps, 2).
+        least_m: the distances to keep, shape (m,).
+
+    Returns:
+        Shape (h, m).
+    """
+    steps = ways.shape[2]
+    own = path[np.minimum(np.arange(steps), len(path) - 1)]
+    gaps: Array = np.linalg.norm(ways - own, axis=-1).min(axis=-1) - least_m
+    return gaps

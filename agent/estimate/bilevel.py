@@ -1,0 +1,177 @@
+"""Bilevel inverse optimal control: of each robot by itself, the goal that makes its own problem explain it.
+
+After Reiter, Messerer, Schratter, Watzenig and Diehl (2022), "An inverse optimal control approach for
+trajectory prediction of autonomous race cars". The lower level is the forward problem, here eq. 1 of one
+robot, solved to convergence from its state K_w steps ago; the upper level adapts the parameter, here the
+position L of the goal, by Levenberg–Marquardt on
+
+    Σ_k ‖x̄_k − x_k(L)‖² / σ²  +  ‖L − L⁻‖² / σ_L²
+
+x̄ being the observed states, x(L) the solution and L⁻ the last step's estimate. Taken over: both levels, the
+least squares on observed states, the weak pull towards the last parameters. Different here: only the goal is
+unknown, not weights; the other robots are there as obstacles that move as observed, and from the present on
+straight ahead.
+
+From ``joint_fit`` it differs in that the other robots are taken as given instead of as taking part, in that
+the forward problem is solved to convergence in every iteration, and in that no covariance is carried on.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.estimate.window import WindowStarts, ahead, goals_at, inside, window_length, window_of
+from agent.remember.memory import Memory
+from agent.solve.deadline import Deadline
+from agent.solve.problem import JointProblem, Solution, Start
+from agent.solve.problems import joint_problem
+from agent.solve.realtime.solver import RealTimeSolver, Response, respond
+from agent.solve.vehicle import Array, rollout
+from protocol.scene import Area, Scene
+
+SIGMAS = np.array([0.05, 0.05, 0.1, 0.2])
+"""σ of p_x, p_y, ψ and v, in m, rad and m/s."""
+PULL_M = 2.0
+"""σ_L: how far from the last step's estimate the next one may well be."""
+ITERATIONS = 4
+"""Of the upper level, a step."""
+SETTLED_M = 0.02
+"""Less than this is no move."""
+UNEXPLAINED = 2.0
+"""Misfit a number seen (half a square: 2σ) above which the present position is tried as a goal too. All goals
+far away make a robot that stands drive off in the same way, so that no derivative leads to where it is."""
+FIRST_DAMPING = 1e-2
+"""Of Levenberg–Marquardt, in m⁻²; a tenth after a step that helps, tenfold after one that does not."""
+SOLVER = RealTimeSolver(10, Deadline(lambda: 0.0, None))
+"""Of the lower level: to convergence, which usually takes 1 to 4 iterations from the last solution, and no
+longer than 10. No estimate depends on the clock."""
+
+
+class Misfit(NamedTuple):
+    """How badly a goal explains what was seen: the upper level's objective, to second order."""
+
+    value: float
+    gradient: Array
+    """Shape (2,)."""
+    curvature: Array
+    """Of Gauss and Newton, shape (2, 2), positive definite."""
+
+
+class Bilevel:
+    """Keeps the last estimate and the last solution of every robot."""
+
+    goals_are_shared = False
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._goals: dict[str, Array] = {}
+        self._starts: dict[str, WindowStarts] = {}
+
+    def estimate(self, memory: Memory) -> dict[str, Array]:
+        """See :class:`agent.estimate.interface.GoalEstimator`."""
+        robots = memory.robots
+        self._starts = {robot: self._starts.get(robot, WindowStarts()) for robot in robots}
+        self._goals = {robot: self._estimate_one(memory, robot) for robot in robots}
+        return goals_at(self._scene, memory, self._goals)
+
+    def _estimate_one(self, memory: Memory, robot: str) -> Array:
+        """The position (2,) of a robot's goal."""
+        last = self._goals.get(robot, ahead(self._scene.area, memory.state(robot)))
+        length = window_length(memory, [robot], self._scene)
+        if not length:
+            return last
+        forward = ForwardProblem(self._scene, memory, robot, length)
+        starts = self._starts[robot]
+        start = starts.start(forward.of(last), [robot], forward.window, memory.step - length)
+        goal, solution = fitted(forward, last, start, self._scene.area)
+        if solution is None:
+            starts.forget()
+        else:
+            starts.keep([robot], solution)
+        return goal
+
+
+class ForwardProblem:
+    """The lower level: eq. 1 of one robot, begun so many steps ago, as a function of its goal."""
+
+    def __init__(self, scene: Scene, memory: Memory, robot: str, length: int) -> None:
+        self._scene = scene
+        self._robot = robot
+        self.window = window_of(memory, [robot], length, scene.step_s)
+        steps = scene.horizons.prediction_steps
+        self._others = {
+            other: _path(memory.states(other, length + 1), length, steps, scene.step_s)
+            for other in memory.robots
+            if other != robot
+        }
+
+    def of(self, goal: Array) -> JointProblem:
+        """For a goal at that position (2,), its heading the present one."""
+        here, window = self._robot, self.window
+        state = np.array([*goal, window.states[0, -1, 2], 0.0])
+        return joint_problem(
+            self._scene, {here: window.begin[0]}, {here: state}, self._others, {here: window.before[0]}
+        )
+
+    def respond(self, goal: Array, start: Start) -> Response:
+        """Solve to convergence, then find how the solution moves with the goal."""
+        problem = self.of(goal)
+        converged = SOLVER.solve(problem, start)
+        return respond(problem, converged.start(), self.window.states.shape[1])
+
+    def misfit(self, response: Response, goal: Array, last: Array) -> Misfit:
+        """The upper level's objective at a goal."""
+        length = self.window.states.shape[1]
+        missing = ((self.window.states - response.solution.states[:, 1 : length + 1]) / SIGMAS).ravel()
+        jacobian = (response.by_goal / SIGMAS).reshape(2, -1)
+        off = (goal - last) / PULL_M
+        return Misfit(
+            value=float(0.5 * (missing @ missing + off @ off)),
+            gradient=off / PULL_M - jacobian @ missing,
+            curvature=jacobian @ jacobian.T + np.eye(2) / PULL_M**2,
+        )
+
+
+def fitted(forward: ForwardProblem, last: Array, start: Start, area: Area) -> tuple[Array, Solution | None]:
+    """The upper level: improve an estimate (2,) by Levenberg–Marquardt.
+
+    Returns:
+        The estimate and the forward problem's solution for it; None, and the old estimate, where the forward
+        problem was not solved for that.
+    """
+    goal, response = last, forward.respond(last, start)
+    here, damping = forward.misfit(response, goal, last), FIRST_DAMPING
+    if response.solution.solved and here.value > UNEXPLAINED * forward.window.states.size:
+        arrived = inside(area, forward.window.states[0, -1, :2])
+        other = forward.respond(arrived, start)
+        misfit = forward.misfit(other, arrived, last)
+        if other.solution.solved and misfit.value < here.value:
+            goal, response, here = arrived, other, misfit
+    if not response.solution.solved:
+        return last, None
+    for _ in range(ITERATIONS):
+        change = np.linalg.solve(here.curvature + damping * np.eye(2), -here.gradient)
+        there = inside(area, goal + change)
+        if np.linalg.norm(there - goal) < SETTLED_M:
+            break
+        tried = forward.respond(there, response.solution.start())
+        misfit = forward.misfit(tried, there, last)
+        if tried.solution.solved and misfit.value < here.value:
+            goal, response, here, damping = there, tried, misfit, 0.1 * damping
+        else:
+            damping = 10.0 * max(damping, FIRST_DAMPING)
+    return goal, response.solution
+
+
+def _path(seen: Array, length: int, steps: int, step_s: float) -> Array:
+    """Positions (steps + 1, 2) of another robot: as seen up to the present, before and after straight on.
+
+    Args:
+        seen: its states up to the present, shape (n, 4), n from 1 to length + 1.
+        length: steps from the first position to the present.
+        steps: steps from the first position to the last one.
+        step_s: Δt.
+    """
+    back = rollout(seen[0] * [1.0, 1.0, 1.0, -1.0], np.zeros((length + 1 - len(seen), 2)), step_s)
+    on = rollout(seen[-1], np.zeros((steps - length, 2)), step_s)
+    return np.concatenate([back[:0:-1], seen, on[1:]])[:, :2]

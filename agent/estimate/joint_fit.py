@@ -1,0 +1,151 @@
+"""Joint fit: the goals for which the joint problem (eq. 7), solved from some steps ago, drives as was seen.
+
+A bilevel, maximum a posteriori form of inverse optimal control in real-time iteration. Every step, the joint
+problem of all robots is improved from the states observed K_w steps ago with the goals believed in, and these
+by Gauss–Newton on
+
+    Σ_k ‖x̄_k − x_k(L)‖² / σ²  +  (L − L⁻)ᵀ P⁻¹ (L − L⁻)    over the positions L of all goals,
+
+x̄ being the observed states, x(L) the solution and L⁻ the last step's estimate, held less firmly. Unlike
+eq. 6 it explains evasion as evasion, and remembers what a window does not show: how far a robot that speeds
+up will go.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.estimate.window import (
+    AHEAD_SIGMA_M,
+    Window,
+    WindowStarts,
+    ahead,
+    goals_at,
+    inside,
+    problem_from,
+    window_length,
+    window_of,
+)
+from agent.remember.memory import Memory
+from agent.solve.realtime.solver import respond
+from agent.solve.vehicle import Array
+from protocol.scene import Scene
+
+SIGMAS = np.array([0.5, 0.5, 1.0, 2.0])
+"""σ of p_x, p_y, ψ and v, in m, rad and m/s: how well the model explains a robot. It plans anew at every
+step, among beliefs that differ from the ones of now, and windows overlap, so that a step is looked at K_w
+times: a stretch of driving says much less than its exact poses promise."""
+FORGETTING = 1.2
+"""Factor on the covariance of an estimate from one step to the next."""
+DRIFT_M = 0.1
+"""Standard deviation that is added to it."""
+TOLERANCE = 1e-3
+"""Of the optimality conditions: a step towards the goals needs less than a trajectory that is driven."""
+STANDING_STEPS, STANDING_MPS = 10, 0.05
+"""A robot that was slower than this for so many steps stands."""
+LONGEST_M = 1.5
+"""A goal moves no further in a round: derivatives hold nearby."""
+
+
+class Belief(NamedTuple):
+    """What is thought of a goal's position."""
+
+    mean: Array
+    """Shape (2,), in m."""
+    covariance: Array
+    """Shape (2, 2), in m²."""
+
+
+class JointFit:
+    """The project's own estimator; it keeps a belief in every robot's goal."""
+
+    goals_are_shared = False
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._beliefs: dict[str, Belief] = {}
+        self._starts = WindowStarts()
+
+    def estimate(self, memory: Memory) -> dict[str, Array]:
+        """See :class:`agent.estimate.interface.GoalEstimator`."""
+        robots = memory.robots
+        self._beliefs = {
+            robot: self._beliefs[robot] if robot in self._beliefs else self._first(memory.state(robot))
+            for robot in robots
+        }
+        length = window_length(memory, robots, self._scene)
+        if length:
+            window = window_of(memory, robots, length, self._scene.step_s)
+            self._fit(robots, window, memory.step - length)
+            self._place_standing(robots, window)
+        return goals_at(self._scene, memory, {robot: self._beliefs[robot].mean for robot in robots})
+
+    def _place_standing(self, robots: Sequence[str], window: Window) -> None:
+        """Who stands has come to its goal, or will show another one by driving on.
+
+        The fit cannot find that out: to a goal far away a robot drives off as hard as its limits allow, and
+        as hard to one that is a little nearer, so that no derivative leads back.
+        """
+        if window.states.shape[1] < STANDING_STEPS:
+            return
+        for robot, states in zip(robots, window.states, strict=True):
+            if np.abs(states[-STANDING_STEPS:, 3]).max() < STANDING_MPS:
+                self._beliefs[robot] = Belief(states[-1, :2].copy(), self._beliefs[robot].covariance)
+
+    def _first(self, state: Array) -> Belief:
+        return Belief(ahead(self._scene.area, state), AHEAD_SIGMA_M**2 * np.eye(2))
+
+    def _fit(self, robots: Sequence[str], window: Window, begin: int) -> None:
+        """Improve the beliefs by a window that begins at that step."""
+        prior, information = _prior([self._beliefs[robot] for robot in robots])
+        length = window.states.shape[1]
+        problem = problem_from(self._scene, robots, window, prior)
+        start = self._starts.start(problem, robots, window, begin)
+        response = respond(problem, start, length if start.warm else 0, TOLERANCE)
+        if not response.solution.solved:
+            self._starts.forget()
+            return
+        self._starts.keep(robots, response.solution)
+        if not start.warm:  # one iteration is not enough to be the solution for these goals
+            return
+        missing = window.states - response.solution.states[:, 1 : length + 1]
+        means, covariance = gauss_newton(prior, information, response.by_goal, missing)
+        self._beliefs = {
+            robot: Belief(
+                inside(self._scene.area, means[index]),
+                covariance[2 * index : 2 * index + 2, 2 * index : 2 * index + 2],
+            )
+            for index, robot in enumerate(robots)
+        }
+
+
+def _prior(beliefs: Sequence[Belief]) -> tuple[Array, Array]:
+    """Last step's estimates (N, 2), and their information (2N, 2N) after some of it was forgotten."""
+    information = np.zeros((2 * len(beliefs), 2 * len(beliefs)))
+    for index, belief in enumerate(beliefs):
+        here = slice(2 * index, 2 * index + 2)
+        loose = FORGETTING * belief.covariance + DRIFT_M**2 * np.eye(2)
+        axes, directions = np.linalg.eigh(loose)
+        information[here, here] = directions / np.minimum(axes, AHEAD_SIGMA_M**2) @ directions.T
+    return np.array([belief.mean for belief in beliefs]), information
+
+
+def gauss_newton(prior: Array, information: Array, by_goal: Array, missing: Array) -> tuple[Array, Array]:
+    """One step from the prior towards the maximum a posteriori estimate.
+
+    Args:
+        prior: L⁻, shape (N, 2), in m.
+        information: P⁻¹, shape (2N, 2N).
+        by_goal: ∂x_k/∂L at the prior, shape (2N, N, K_w, 4).
+        missing: x̄_k − x_k, shape (N, K_w, 4).
+
+    Returns:
+        The improved estimates (N, 2), each moved by no more than ``LONGEST_M``, and the covariance (2N, 2N)
+        of the linearised problem.
+    """
+    jacobian = (by_goal / SIGMAS).reshape(len(by_goal), -1)
+    covariance = np.linalg.inv(jacobian @ jacobian.T + information)
+    change = (covariance @ jacobian @ (missing / SIGMAS).ravel()).reshape(-1, 2)
+    lengths = np.linalg.norm(change, axis=1, keepdims=True)
+    return prior + change * np.minimum(1.0, LONGEST_M / np.maximum(lengths, LONGEST_M)), covariance

@@ -1,0 +1,165 @@
+"""A Kalman filter of all goals, with the joint problem (eq. 7) as the model of what is measured.
+
+After Le Cleac'h, Schwager and Manchester (2021), "LUCIDGames: Online unscented inverse dynamic games for
+adaptive trajectory prediction and planning". Its state are the positions L of all N goals, which walk at
+random; what it measures is the present state of all robots, x̄_t = x_K(L) + noise: where the joint problem
+would have brought them from the states of K_w steps ago. That is no linear function, so the filter is an
+unscented one: 4N + 1 sigma points, the solution of the joint problem for each of them.
+
+Taken over: state, random walk, measurement, unscented transform, warm starts. Different here: the game is
+this project's joint problem; only goals are unknown, not weights; K_w is more than one, since turn rates
+change so little in a step that one step says next to nothing; and all sigma points start from the solution
+for the mean and take a single step of the solver from there. The covariance stays within the filter.
+
+Of the same family: Menner, Berntorp and Di Cairano (2021), "A Kalman filter for online calibration of optimal
+controllers", which calibrates the cost of one controller.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from agent.estimate.window import (
+    AHEAD_SIGMA_M,
+    Window,
+    WindowStarts,
+    ahead,
+    goals_at,
+    inside,
+    problem_from,
+    window_length,
+    window_of,
+)
+from agent.remember.memory import Memory
+from agent.solve.problem import Solution, Start
+from agent.solve.realtime.solver import respond
+from agent.solve.vehicle import Array
+from protocol.scene import Scene
+
+SPREAD = 3.0
+"""c: sigma points lie √c standard deviations away. 3 matches the fourth moments of a Gaussian."""
+
+
+def sigma_points(mean: Array, covariance: Array) -> Array:
+    """The mean, then the points to both sides of it along a root of the covariance.
+
+    Args:
+        mean: shape (n,).
+        covariance: shape (n, n), positive definite.
+
+    Returns:
+        Shape (2n + 1, n).
+    """
+    away = np.linalg.cholesky(SPREAD * covariance).T
+    return np.concatenate([mean[None], mean + away, mean - away])
+
+
+def updated(points: Array, images: Array, observed: Array, variances: Array) -> tuple[Array, Array]:
+    """Mean (n,) and covariance (n, n) once a measurement is known.
+
+    Args:
+        points: the sigma points, shape (2n + 1, n).
+        images: the measurement that each of them predicts, shape (2n + 1, m).
+        observed: the measurement, shape (m,).
+        variances: of its independent errors, shape (m,), all positive.
+    """
+    weight = 0.5 / SPREAD
+    away, seen = points[1:] - points[0], images[1:] - images[0]
+    expected = images[0] + weight * seen.sum(axis=0)
+    cross = weight * away.T @ seen
+    innovation = weight * seen.T @ seen + np.diag(variances)
+    gain = np.linalg.solve(innovation, cross.T).T
+    covariance = weight * away.T @ away - gain @ cross.T
+    return points[0] + gain @ (observed - expected), 0.5 * (covariance + covariance.T)
+
+
+SIGMAS = np.array([0.1, 0.1, 0.2, 0.4])
+"""σ of p_x, p_y, ψ and v, in m, rad and m/s: how well the model brings a robot to where it is.
+Looks back overlap, so that one wrong prediction counts several times: half of this was too little."""
+WALK_M = 0.1
+"""Standard deviation of a goal's random walk in one step."""
+ROUNDS = 2
+"""Iterations a step of the solution for the mean,"""
+COLD_ROUNDS = 4
+"""or so many where no last one is there to start from."""
+
+
+class KalmanFilter:
+    """Keeps one Gaussian over the positions of all goals."""
+
+    goals_are_shared = False
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._robots: list[str] = []
+        self._mean = np.zeros(0)
+        """Shape (2N,), in m."""
+        self._covariance = np.zeros((0, 0))
+        self._starts = WindowStarts()
+
+    def estimate(self, memory: Memory) -> dict[str, Array]:
+        """See :class:`agent.estimate.interface.GoalEstimator`."""
+        self._keep_to(memory)
+        self._covariance += WALK_M**2 * np.eye(len(self._mean))
+        length = window_length(memory, self._robots, self._scene)
+        if length:
+            window = window_of(memory, self._robots, length, self._scene.step_s)
+            self._measure(window, memory.step - length)
+        means = dict(zip(self._robots, self._mean.reshape(-1, 2), strict=True))
+        return goals_at(self._scene, memory, means)
+
+    def _keep_to(self, memory: Memory) -> None:
+        """Let go of robots that went; of those that came, goals straight ahead are expected at first."""
+        robots, last = memory.robots, self._robots
+        if robots == last:
+            return
+        old = [robot for robot in robots if robot in last]
+        mean = np.array([ahead(self._scene.area, memory.state(robot)) for robot in robots])
+        covariance = AHEAD_SIGMA_M**2 * np.eye(mean.size)
+        here, there = _places(robots, old), _places(last, old)
+        mean.reshape(-1)[here] = self._mean[there]
+        covariance[np.ix_(here, here)] = self._covariance[np.ix_(there, there)]
+        self._robots, self._mean, self._covariance = robots, mean.ravel(), covariance
+
+    def _measure(self, window: Window, begin: int) -> None:
+        """Update by where robots are at the end of a window that begins at that step.
+
+        Where the joint problem is not solved for every sigma point, nothing was measured.
+        """
+        points = sigma_points(self._mean, self._covariance)
+        central = self._central(points[0], window, begin)
+        solutions = [central]
+        for point in points[1:]:
+            if not solutions[-1].solved:
+                break
+            solutions.append(self._improved(point, window, central.start()))
+        if not solutions[-1].solved:
+            self._starts.forget()
+            return
+        stage = window.states.shape[1]
+        images = np.array([solution.states[:, stage].ravel() for solution in solutions])
+        variances = np.tile(SIGMAS**2, len(self._robots))
+        mean, self._covariance = updated(points, images, window.states[:, -1].ravel(), variances)
+        self._mean = np.array([inside(self._scene.area, goal) for goal in mean.reshape(-1, 2)]).ravel()
+        self._starts.keep(self._robots, central)
+
+    def _central(self, mean: Array, window: Window, begin: int) -> Solution:
+        """The joint problem for the mean, improved from the last window's solution."""
+        problem = problem_from(self._scene, self._robots, window, mean.reshape(-1, 2))
+        start = self._starts.start(problem, self._robots, window, begin)
+        for _ in range(ROUNDS if start.warm else COLD_ROUNDS):
+            solution = respond(problem, start, 0).solution
+            start = solution.start()
+            if not solution.solved:
+                break
+        return solution
+
+    def _improved(self, goals: Array, window: Window, start: Start) -> Solution:
+        return respond(
+            problem_from(self._scene, self._robots, window, goals.reshape(-1, 2)), start, 0
+        ).solution
+
+
+def _places(robots: Sequence[str], chosen: Sequence[str]) -> list[int]:
+    """Where the goals (x, y) of the chosen robots stand in the state."""
+    return [2 * robots.index(robot) + axis for robot in chosen for axis in range(2)]

@@ -1,0 +1,1 @@
+"""The process around the mind: options, bus, health, kernels made ready."""

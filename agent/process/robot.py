@@ -1,0 +1,250 @@
+"""The thin shell around the core: poses come in over Zenoh, minds and commands go out."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import structlog
+import zenoh
+
+from agent.agent import Agent, Decision
+from agent.estimate import GoalsName
+from agent.process.health import RobotHealth
+from agent.process.inbox import Inbox, LateDecisions
+from agent.process.joining import SceneError, ask_for_scene, refuse_strangers
+from agent.process.warm import compile_in_background, warm_up
+from agent.solve import SolverName
+from agent.solve.compiled import forbid_compiling
+from agent.solve.deadline import Deadline
+from agent.solve.problem import JointSolver
+from protocol.codec import OtherVersionError, encode
+from protocol.identity import Identity, Login
+from protocol.keys import Keys
+from protocol.messages import Command, Message, Observation
+from protocol.scene import Goal, Scene
+from protocol.session import Opening, client_session
+
+SCENE_TIMEOUT_S = 1.0
+"""After this time without an answer the scene is asked for again."""
+SCENE_PAUSE_S = 0.1
+"""Between two questions: a world can be reached a moment before it answers."""
+
+
+@dataclass(frozen=True)
+class RobotOptions:
+    """What a robot's process is told at its start; see :class:`agent.agent.Agent`."""
+
+    robot: str
+    goal: Goal
+    connect: str
+    identity: Identity
+    run: str
+    goals: GoalsName
+    solver: SolverName
+    iterations: int
+    budget_s: float | None
+
+
+def make_agent(
+    options: RobotOptions,
+    scene: Scene,
+    deadline: Deadline | None = None,
+    through: Callable[[JointSolver], JointSolver] = lambda solver: solver,
+) -> Agent:
+    """The algorithm itself.
+
+    Args:
+        options: what the robot is told.
+        scene: of its world.
+        deadline: of its decisions; None for that of the options.
+        through: see :class:`agent.agent.Agent`.
+
+    Raises:
+        ValueError: the estimator needs something that the scene does not hold.
+    """
+    return Agent(
+        options.robot,
+        options.goal,
+        scene,
+        goals=options.goals,
+        solver=options.solver,
+        clock=time.perf_counter,
+        iterations=options.iterations,
+        deadline=deadline or Deadline(time.perf_counter, options.budget_s),
+        through=through,
+    )
+
+
+class Decides(Protocol):
+    """A robot's mind; :class:`agent.agent.Agent` is one."""
+
+    def decide(self, observation: Observation) -> Decision | None:
+        """See :meth:`agent.agent.Agent.decide`."""
+
+    def withdraw(self) -> None:
+        """See :meth:`agent.agent.Agent.withdraw`."""
+
+
+MakeAgent = Callable[[RobotOptions, Scene], Decides]
+
+
+class RobotProcess:
+    """One robot on the bus, until it is stopped; worlds may come and go meanwhile.
+
+    Args:
+        options: what it is told.
+        make_agent: makes the robot's mind from these options and the scene of a world.
+        health: where it reports how it is; None for one that nobody looks at.
+    """
+
+    def __init__(
+        self,
+        options: RobotOptions,
+        make_agent: MakeAgent = make_agent,
+        health: RobotHealth | None = None,
+    ) -> None:
+        self._options = options
+        self._make_agent = make_agent
+        self._health = health or RobotHealth(options.robot, options.goal)
+        self._keys = Keys(options.run)
+        self._log = structlog.get_logger("agent").bind(robot=options.robot)
+        self._inbox = Inbox(self._log)
+        self._opening = Opening()
+        self._stopped = False
+        self._late = LateDecisions(self._log)
+
+    def stop(self) -> None:
+        """End :meth:`run` soon; may be called from any thread."""
+        self._stopped = True
+        self._opening.stop()
+        self._inbox.close()
+
+    def run(self) -> None:
+        """Wait for a world, then answer each observation that is still the newest when it is taken.
+
+        An answer that comes too late, when a newer observation is there already, is not given.
+
+        Raises:
+            SceneError: the world speaks another version of the protocol, does not know this robot, or does
+                not share what its estimator needs.
+            CompilingError: the solver is not compiled and cannot be.
+            zenoh.ZError: Zenoh cannot use the endpoint.
+        """
+        session = self._connect()
+        if session is None:
+            return
+        with session:
+            agent, epoch = self._join(session, None, None)
+            _poses = session.declare_subscriber(
+                self._keys.pose(self._options.robot),
+                lambda sample: self._inbox.store(sample.payload.to_bytes()),
+            )
+            # Presence comes last: it lets the world publish step 0.
+            _presence = session.liveliness().declare_token(self._keys.alive(self._options.robot))
+            while (news := self._inbox.next(self._beat)) is not None:
+                if isinstance(news, OtherVersionError):  # the world may be another one now
+                    agent, epoch = self._join(session, agent, epoch)
+                    continue
+                if news.epoch != epoch:
+                    agent, epoch = self._join(session, agent, epoch)
+                if agent is not None and news.epoch == epoch:
+                    self._answer(session, agent, news)
+            self._health.ends()
+        self._log.info("stopped", late_decisions=self._late.count)
+
+    def _connect(self) -> zenoh.Session | None:
+        """The session, once the world is there and this robot is ready; None if stopped before."""
+        self._log.info("waiting for the world", connect=self._options.connect, run=self._options.run)
+        self._opening.begin(client_session(self._options.connect, self._options.identity))
+        self._health.wants("it loads the solver, or compiles it")
+        self._health.beat()
+        self._get_ready()
+        self._health.wants(f"it waits for a world at {self._options.connect}")
+        return self._opening.wait(self._health.beat, self._tell_absence)
+
+    def _tell_absence(self) -> None:
+        self._log.warning(
+            "still waiting: there is no world at this endpoint, or it refuses this robot",
+            connect=self._options.connect,
+            proves_itself_by=_proof(self._options.identity),
+        )
+
+    def _get_ready(self) -> None:
+        """Have everything compiled and loaded: later, there is no time for it."""
+        if compile_in_background(unwanted=self._is_stopped):
+            duration_s = warm_up(self._options.goals, self._options.solver)
+            forbid_compiling()
+            self._log.info("ready to decide", loaded_in_s=round(duration_s, 2))
+
+    def _join(
+        self, session: zenoh.Session, agent: Decides | None, epoch: int | None
+    ) -> tuple[Decides | None, int | None]:
+        """Begin anew with the scene of the present world, and with its epoch; neither if stopped before.
+
+        Where the world is still that of the present epoch, only a pose was wrong, and nothing begins anew.
+        """
+        while not self._is_stopped():
+            public = ask_for_scene(session, self._keys, self._options.robot, SCENE_TIMEOUT_S)
+            if public is None:
+                time.sleep(SCENE_PAUSE_S)
+                continue
+            if public.epoch == epoch:
+                return agent, epoch
+            self._log.info("joined", epoch=public.epoch, robots=len(public.scene.robots))
+            mind = self._agent(public.scene)
+            self._health.joined(len(public.scene.robots))
+            return mind, public.epoch
+        return None, None
+
+    def _beat(self) -> None:
+        """A sign of life, by the loop itself."""
+        self._health.refused = self._inbox.refused
+        self._health.beat()
+
+    def _is_stopped(self) -> bool:
+        """Asked again and again by what waits, which so gives signs of life."""
+        self._health.beat()
+        return self._stopped
+
+    def _agent(self, scene: Scene) -> Decides:
+        options = self._options
+        refuse_strangers(options.robot, scene)
+        try:
+            return self._make_agent(options, scene)
+        except ValueError as error:
+            raise SceneError(str(error)) from error
+
+    def _answer(self, session: zenoh.Session, agent: Decides, observation: Observation) -> None:
+        """Decide and publish.
+
+        The mind goes first, so that it is recorded before the step can end. It goes even when it is too late
+        for the command: the record is to show what took so long.
+        """
+        self._health.observed(observation)
+        decision = agent.decide(observation)
+        if decision is None:
+            self._health.withheld += 1
+            nothing = Command.withheld_at(observation.epoch, self._options.robot, observation.step)
+            self._put(session, self._keys.command(self._options.robot), nothing)
+            return
+        self._health.decided(decision.mind)
+        self._put(session, self._keys.mind(self._options.robot), decision.mind)
+        if self._inbox.has_news():
+            agent.withdraw()
+            self._late.add(observation.step)
+            self._health.late = self._late.count
+        else:
+            self._put(session, self._keys.command(self._options.robot), decision.command)
+        if decision.mind.failed:
+            self._log.warning("not solved", step=observation.step, phases=decision.mind.failed)
+
+    def _put(self, session: zenoh.Session, key: str, message: Message) -> None:
+        """Unlike poses, of which the latest counts, these are not to be lost where a reader is slow."""
+        session.put(key, encode(message), congestion_control=zenoh.CongestionControl.BLOCK)
+
+
+def _proof(identity: Identity) -> str:
+    if identity is None:
+        return "nothing"
+    return "password" if isinstance(identity, Login) else f"keys in {identity.folder}"

@@ -1,0 +1,86 @@
+"""By when a decision should be made: what solvers ask before they go on improving."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from protocol.messages import Timings
+
+Clock = Callable[[], float]
+"""Seconds from any fixed point; never runs backwards."""
+
+
+class Stopwatch:
+    """Milliseconds spent in each phase of one decision, and in the whole of it so far."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._start = clock()
+        self._phases: dict[str, float] = {}
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        """Time the enclosed work as one phase."""
+        begin = self._clock()
+        try:
+            yield
+        finally:
+            self._phases[name] = 1e3 * (self._clock() - begin)
+
+    def timings(self) -> Timings:
+        """The phases timed so far; ``decide`` runs from the making of the stopwatch until now."""
+        return Timings(**self._phases, decide=1e3 * (self._clock() - self._start))
+
+
+class Deadline:
+    """The end of the time that a decision may take; each decision has its own.
+
+    All that a decision takes from the clock is at which question the time was over. So that is kept: with it
+    the decision can be repeated exactly.
+
+    Args:
+        clock: never runs backwards.
+        budget_s: the time in s; None for as long as it takes, which makes decisions independent of the clock.
+
+    Attributes:
+        cut_short_at: the first question of the present decision that was answered with yes, counted from 0;
+            None as long as there is none.
+    """
+
+    def __init__(self, clock: Clock, budget_s: float | None) -> None:
+        self._clock = clock
+        self._budget_s = budget_s
+        self._begin_s = 0.0
+        self._questions = 0
+        self.cut_short_at: int | None = None
+
+    def begin(self) -> None:
+        """A decision begins."""
+        self._questions = 0
+        self.cut_short_at = None
+        if self._budget_s is not None:
+            self._begin_s = self._clock()
+
+    def has_passed(self) -> bool:
+        """Whether the time is over; once it is, it stays so until the next decision begins."""
+        if self.cut_short_at is None and self._is_over(self._questions):
+            self.cut_short_at = self._questions
+        self._questions += 1
+        return self.cut_short_at is not None
+
+    def _is_over(self, question: int) -> bool:
+        return self._budget_s is not None and self._clock() - self._begin_s >= self._budget_s
+
+
+class RepeatedDeadline(Deadline):
+    """One that cuts decisions short where others were cut short, whatever time it is.
+
+    Attributes:
+        repeated: the ``cut_short_at`` of the decision that is repeated next.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(lambda: 0.0, None)
+        self.repeated: int | None = None
+
+    def _is_over(self, question: int) -> bool:
+        return question == self.repeated

@@ -1,0 +1,136 @@
+"""The joint trajectory problem, its solution and the interface of what solves it.
+
+Prediction (eq. 7) and planning (eq. 1) are one problem: M robots whose inputs are free, and O obstacles that
+move as told. Prediction frees all robots; planning frees the ego and lets the others move as predicted.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from agent.solve.vehicle import Array, rollout
+from protocol.vehicle import Limits
+
+FIRST_FREE_STAGE = 2
+"""Positions up to stage 1 are settled by the present state, so distances matter from here on."""
+
+LIMITED_QUANTITIES = 5
+"""A vehicle's limits a stage: turn rate, acceleration, the changes of both, and speed."""
+
+PRICE_PER_M = 2e3
+"""Of a violated metre of distance or area. It is above the multipliers of crossings, so that distances are
+kept exactly wherever they can be, and not far above: what a wrong prediction took is not won back at any
+cost."""
+
+
+@dataclass(frozen=True)
+class JointProblem:
+    """min Σ_i Σ_k (x_k − L)ᵀ Q (x_k − L) over the inputs of M robots, within limits and safety distances.
+
+    Distances are kept by an exact L1 penalty: where they can be kept they are, and where they cannot (a
+    prediction was wrong by a millimetre) the problem still has a solution.
+    """
+
+    states: Array
+    """Present states, shape (M, 4): m, m, rad, m/s."""
+    previous_inputs: Array
+    """Inputs of the last step, shape (M, 2): rad/s, m/s²."""
+    goals: Array
+    """Goal states L, shape (M, 4), each heading within half a turn of the present one."""
+    limits: tuple[Limits, ...]
+    """Of each of the M robots."""
+    obstacles: Array
+    """Positions of obstacles at the present and the next K stages, shape (O, K + 1, 2)."""
+    safety_distances: Array
+    """d of eq. 10 between each robot and each robot, then each obstacle, shape (M, M + O)."""
+    area: Array
+    """Lower and upper corner of the drivable rectangle, shape (2, 2)."""
+    weights: Array
+    """Diagonal of Q, shape (4,)."""
+    steps: int
+    """K, the prediction horizon."""
+    step_s: float
+    """Δt in s."""
+
+    @cached_property
+    def input_bounds(self) -> Array:
+        """Largest |ω| and |a|, shape (M, 2)."""
+        return np.array([(each.turn_rate_radps, each.acceleration_mps2) for each in self.limits])
+
+    @cached_property
+    def rate_bounds(self) -> Array:
+        """Largest change of ω and a in a step, shape (M, 2)."""
+        rates = np.array([(each.turn_acceleration_radps2, each.jerk_mps3) for each in self.limits])
+        return rates * self.step_s
+
+    @cached_property
+    def speed_bounds(self) -> Array:
+        """Largest |v|, shape (M,)."""
+        return np.array([each.speed_mps for each in self.limits])
+
+    def rollout(self, inputs: Array) -> Array:
+        """States (M, K + 1, 4) that follow from inputs (M, K, 2)."""
+        return rollout(self.states, inputs, self.step_s)
+
+    def objective(self, states: Array) -> float:
+        """Sum of the stage and terminal costs (eq. 11) of states of shape (M, K + 1, 4)."""
+        return float(np.sum(self.weights * (states - self.goals[:, None]) ** 2))
+
+    def violation_m(self, states: Array) -> float:
+        """Largest shortfall of a safety distance that inputs could still influence, in m."""
+        positions = states[:, FIRST_FREE_STAGE:, :2]
+        everybody = np.concatenate([positions, self.obstacles[:, FIRST_FREE_STAGE:]])
+        gaps = np.linalg.norm(positions[:, None] - everybody[None], axis=-1)
+        shortfall = self.safety_distances[:, :, None] - gaps
+        count = len(positions)
+        shortfall[np.arange(count), np.arange(count)] = 0.0
+        return float(max(shortfall.max(initial=0.0), 0.0))
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a solver starts."""
+
+    inputs: Array
+    """Shape (M, K, 2)."""
+    forces: Array
+    """Constraint forces to expect, as those of a :class:`Solution`; zero where nothing is known."""
+    pressures: Array
+    """The same for the multipliers of limits."""
+    warm: bool
+    """Whether it comes from the last step's solution, so that little is left to do."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Trajectories that obey the model and all limits of the vehicles, and how good they are."""
+
+    inputs: Array
+    """Shape (M, K, 2)."""
+    states: Array
+    """Shape (M, K + 1, 4), the rollout of the inputs."""
+    forces: Array
+    """How the rows of distances and area push each position, shape (M, K + 1, 2): Σ λ n over those rows, the
+    negative gradient of what they add to the Lagrangian. In cost a metre."""
+    pressures: Array
+    """Multipliers of the limits (eq. 9) on ω_k, a_k, their changes from k − 1 to k, and v_{k+1}, shape
+    (M, K, 5): positive at the upper limit, negative at the lower one; zero where the solver knows none."""
+    objective: float
+    violation_m: float
+    solved: bool
+    """Whether the solver found a (local) optimum; if not, the trajectories are not to be driven."""
+    iterations: int
+
+    def start(self, robots: slice = slice(None), *, warm: bool = True) -> Start:
+        """Where to start on a problem of all, or some, of these robots."""
+        return Start(self.inputs[robots], self.forces[robots], self.pressures[robots], warm)
+
+
+class JointSolver(Protocol):
+    """Solves joint problems. It may keep compiled problems, but no state that changes a result."""
+
+    def solve(self, problem: JointProblem, start: Start) -> Solution:
+        """Find a local optimum near a start; ``solved`` is False where none was found."""
+        ...

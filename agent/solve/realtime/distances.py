@@ -1,0 +1,136 @@
+"""What keeps robots apart (eq. 10) and inside the area: rows n·(p_i − p_j) ≥ …, linearised at a trajectory.
+
+A row concerns a robot at a stage and either a second robot or something that does not give way: an obstacle
+or a side of the area. All of them are soft, with an exact L1 penalty.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.solve.compiled import kernel
+from agent.solve.problem import FIRST_FREE_STAGE
+from agent.solve.vehicle import Array, Integers
+
+NOBODY = -1
+"""In place of the second robot of a row whose other side does not give way."""
+
+
+class Rows(NamedTuple):
+    """gap + normal·(δp_first − δp_second) ≥ 0 for small displacements δp; C of them, stage after stage."""
+
+    each: int
+    """Rows of one stage; those of the next one follow in the same order."""
+    first: Integers
+    second: Integers
+    """Index of the second robot, or ``NOBODY``."""
+    stage: Integers
+    normal: Array
+    """Unit vector towards the first robot, shape (C, 2)."""
+    gap: Array
+    """Distance beyond the safety distance in m; negative where it is violated."""
+
+
+@kernel
+def rows_about(states: Array, obstacles: Array, safety_distances: Array, area: Array) -> Rows:
+    """All rows of all stages that inputs can still influence.
+
+    Args:
+        states: shape (M, K + 1, 4).
+        obstacles: positions, shape (O, K + 1, 2).
+        safety_distances: shape (M, M + O).
+        area: lower and upper corner, shape (2, 2).
+    """
+    robots, stages = states.shape[:2]
+    each = robots * (robots - 1) // 2 + robots * (len(obstacles) + 4)
+    count = each * max(stages - FIRST_FREE_STAGE, 0)
+    rows = Rows(
+        each,
+        np.empty(count, np.int64),
+        np.empty(count, np.int64),
+        np.empty(count, np.int64),
+        np.empty((count, 2)),
+        np.empty(count),
+    )
+    at = 0
+    for k in range(FIRST_FREE_STAGE, stages):
+        for i in range(robots):
+            for j in range(i + 1, robots):
+                _set(rows, at, i, j, k, states[i, k], states[j, k], safety_distances[i, j])
+                at += 1
+            for o in range(len(obstacles)):
+                _set(rows, at, i, NOBODY, k, states[i, k], obstacles[o, k], safety_distances[i, robots + o])
+                at += 1
+            for axis in range(2):
+                for side in range(2):
+                    sign = 1.0 - 2.0 * side
+                    rows.first[at], rows.second[at], rows.stage[at] = i, NOBODY, k
+                    rows.normal[at, axis], rows.normal[at, 1 - axis] = sign, 0.0
+                    rows.gap[at] = sign * (states[i, k, axis] - area[side, axis])
+                    at += 1
+    return rows
+
+
+@kernel
+def _set(rows: Rows, at: int, i: int, j: int, k: int, here: Array, there: Array, distance: float) -> None:
+    x, y = here[0] - there[0], here[1] - there[1]
+    length = math.sqrt(x * x + y * y)
+    rows.first[at], rows.second[at], rows.stage[at] = i, j, k
+    if length > 0.0:
+        rows.normal[at, 0], rows.normal[at, 1] = x / length, y / length
+    else:  # two robots in one place: any direction, the same for all who compute it
+        rows.normal[at, 0], rows.normal[at, 1] = 1.0, 0.0
+    rows.gap[at] = length - distance
+
+
+@kernel
+def violations_of(
+    states: Array, obstacles: Array, safety_distances: Array, area: Array
+) -> tuple[float, float]:
+    """Sum and largest of all shortfalls of distances and all excursions from the area, in m."""
+    robots, stages = states.shape[:2]
+    total, largest = 0.0, 0.0
+    for k in range(FIRST_FREE_STAGE, stages):
+        for i in range(robots):
+            x, y = states[i, k, 0], states[i, k, 1]
+            for j in range(i + 1, robots):
+                gap = math.sqrt((x - states[j, k, 0]) ** 2 + (y - states[j, k, 1]) ** 2)
+                short = max(safety_distances[i, j] - gap, 0.0)
+                total, largest = total + short, max(largest, short)
+            for o in range(len(obstacles)):
+                gap = math.sqrt((x - obstacles[o, k, 0]) ** 2 + (y - obstacles[o, k, 1]) ** 2)
+                short = max(safety_distances[i, robots + o] - gap, 0.0)
+                total, largest = total + short, max(largest, short)
+            for axis in range(2):
+                outside = max(area[0, axis] - states[i, k, axis], states[i, k, axis] - area[1, axis], 0.0)
+                total, largest = total + outside, max(largest, outside)
+    return total, largest
+
+
+@kernel
+def gaps_after(rows: Rows, shifts: Array, gaps: Array) -> None:
+    """The linearised gaps (C,) after displacements (M, K + 1, 2)."""
+    first, second, stage, normal, gap = rows.first, rows.second, rows.stage, rows.normal, rows.gap
+    for row in range(len(gap)):
+        i, j, k = first[row], second[row], stage[row]
+        x, y = shifts[i, k, 0], shifts[i, k, 1]
+        if j != NOBODY:
+            x -= shifts[j, k, 0]
+            y -= shifts[j, k, 1]
+        gaps[row] = gap[row] + normal[row, 0] * x + normal[row, 1] * y
+
+
+@kernel
+def add_forces(rows: Rows, taking_part: Integers, sizes: Array, forces: Array) -> None:
+    """Add the forces of some rows, as they push robots apart, to those on the positions (M, K + 1, 2)."""
+    first, second, stage, normal = rows.first, rows.second, rows.stage, rows.normal
+    for at in range(len(taking_part)):
+        row = taking_part[at]
+        i, j, k = first[row], second[row], stage[row]
+        x, y = sizes[at] * normal[row, 0], sizes[at] * normal[row, 1]
+        forces[i, k, 0] += x
+        forces[i, k, 1] += y
+        if j != NOBODY:
+            forces[j, k, 0] -= x
+            forces[j, k, 1] -= y

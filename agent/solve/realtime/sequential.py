@@ -1,0 +1,174 @@
+"""One step of sequential quadratic programming, and how far to follow it."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.solve.compiled import kernel
+from agent.solve.realtime.cost import blocks_of, cost_of, gradient_of
+from agent.solve.realtime.distances import gaps_after, rows_about, violations_of
+from agent.solve.realtime.interior_point import Outcome, Program, solve_program
+from agent.solve.realtime.limits import bounds_of, limited_quantities
+from agent.solve.realtime.profiles import arms_of, displacements, moved
+from agent.solve.realtime.sensitivities import sensitivities
+from agent.solve.vehicle import Array
+
+SUFFICIENT = 1e-4
+"""Part of the predicted decrease that a step must bring (Armijo)."""
+LEAST_PRICE = 10.0
+"""Of a violated metre in the merit, where no row pushes."""
+SHORTEST = 1e-3
+"""Shorter steps are not tried."""
+
+
+class Data(NamedTuple):
+    """The arrays of a ``JointProblem``, as its fields and properties describe them."""
+
+    previous_inputs: Array
+    goals: Array
+    input_bounds: Array
+    rate_bounds: Array
+    speed_bounds: Array
+    obstacles: Array
+    safety_distances: Array
+    area: Array
+    weights: Array
+    step_s: float
+
+
+class Improvement(NamedTuple):
+    """What came of one step."""
+
+    states: Array
+    """Shape (M, K + 1, 4); the old ones where the quadratic program was not solved, as the next two."""
+    forces: Array
+    """Shape (M, K + 1, 2)."""
+    pressures: Array
+    """Shape (2, M, 5K)."""
+    promised: float
+    """Decrease of the merit that was promised, relative to the merit; zero if no part of the step helped."""
+    by_goal: Array
+    """See :func:`agent.solve.realtime.sensitivities.sensitivities`."""
+    solved: bool
+    """Whether the quadratic program was."""
+
+
+@kernel
+def program_about(data: Data, states: Array, forces: Array, penalty: float) -> Program:
+    """The quadratic program about a trajectory (M, K + 1, 4) with constraint forces (M, K + 1, 2).
+
+    Limits that the trajectory does not keep (a vehicle that is too fast already) are widened to it.
+    """
+    robots, steps = states.shape[0], states.shape[1] - 1
+    arms = arms_of(states, data.step_s)
+    low, high = np.empty((robots, 5 * steps)), np.empty((robots, 5 * steps))
+    quantities = np.empty(5 * steps)
+    for robot in range(robots):
+        bounds = bounds_of(data.input_bounds[robot], data.rate_bounds[robot], data.speed_bounds[robot], steps)
+        limited_quantities(states[robot], data.previous_inputs[robot], data.step_s, quantities)
+        for row in range(len(bounds)):
+            high[robot, row] = max(bounds[row] - quantities[row], 0.0)
+            low[robot, row] = min(-bounds[row] - quantities[row], 0.0)
+    return Program(
+        2.0 * data.weights[:2],
+        blocks_of(states, data.goals, data.weights, forces, data.step_s),
+        gradient_of(states, data.goals, data.weights, arms),
+        arms,
+        low,
+        high,
+        rows_about(states, data.obstacles, data.safety_distances, data.area),
+        forces,
+        penalty,
+        data.step_s,
+    )
+
+
+@kernel
+def merit_of(data: Data, states: Array, price: float) -> float:
+    """Cost plus the price of all violations a metre."""
+    violation, _ = violations_of(states, data.obstacles, data.safety_distances, data.area)
+    return cost_of(states, data.goals, data.weights) + price * violation
+
+
+@kernel
+def improve(
+    data: Data,
+    states: Array,
+    forces: Array,
+    pressures: Array,
+    penalty: float,
+    tolerance: float,
+    stages: int,
+) -> Improvement:
+    """One step: write the quadratic program about a trajectory, solve it and follow its solution.
+
+    Args:
+        data: the problem.
+        states: a trajectory within the limits, shape (M, K + 1, 4).
+        forces: constraint forces to expect, shape (M, K + 1, 2).
+        pressures: multipliers of the limits to expect, shape (2, M, 5K).
+        penalty: price of a violated metre in the quadratic program.
+        tolerance: of its optimality conditions.
+        stages: of so many, from stage 1 on, the sensitivities to the goals are wanted.
+    """
+    program = program_about(data, states, forces, penalty)
+    outcome = solve_program(program, pressures, tolerance)
+    if not outcome.solved:  # where limits leave no room, pressures have no bound and are no start
+        outcome = solve_program(program, np.zeros_like(pressures), tolerance)
+    if not outcome.solved:
+        nothing = np.zeros((2 * len(states), len(states), stages, 4))
+        return Improvement(states, forces, pressures, 0.0, nothing, False)
+    there, promised = _followed(data, program, states, outcome)
+    by_goal = sensitivities(program, outcome, stages)
+    return Improvement(there, outcome.forces, outcome.pressures, promised, by_goal, True)
+
+
+@kernel
+def _followed(data: Data, program: Program, states: Array, outcome: Outcome) -> tuple[Array, float]:
+    """Go as far along a change as it brings enough decrease of the merit, on true rollouts.
+
+    The merit's price of violations is twice the largest force: enough for the change to lead downhill, and no
+    more, since a higher price shortens steps along curved boundaries.
+    """
+    price = LEAST_PRICE + 2.0 * outcome.largest_force
+    violation, _ = violations_of(states, data.obstacles, data.safety_distances, data.area)
+    merit = cost_of(states, data.goals, data.weights) + price * violation
+    left = _violation_left(program, outcome.change)
+    promised = price * (violation - left) - _modelled_increase(program, outcome.change)
+    share = 1.0
+    while share >= SHORTEST:
+        there = moved(states, outcome.change, share, data.step_s)
+        if merit_of(data, there, price) <= merit - SUFFICIENT * share * promised:
+            return there, promised / (1.0 + merit)
+        share *= 0.5
+    return states, 0.0
+
+
+@kernel
+def _violation_left(program: Program, change: Array) -> float:
+    """Sum of what the linearised rows are violated by after a change, in m."""
+    shifts, total = np.empty((len(change), change.shape[1] // 2 + 1, 2)), 0.0
+    gaps = np.empty(len(program.rows.gap))
+    for robot in range(len(change)):
+        displacements(program.arms[robot], change[robot], shifts[robot])
+    gaps_after(program.rows, shifts, gaps)
+    for gap in gaps:
+        total += max(-gap, 0.0)
+    return total
+
+
+@kernel
+def _modelled_increase(program: Program, change: Array) -> float:
+    """gᵀd + ½ dᵀHd, summed over the robots."""
+    shifts, total = np.empty((change.shape[1] // 2 + 1, 2)), 0.0
+    for robot in range(len(change)):
+        displacements(program.arms[robot], change[robot], shifts)
+        for c in range(2):
+            total += 0.5 * program.weights[c] * (shifts[:, c] ** 2).sum()
+        total += (program.gradients[robot] * change[robot]).sum()
+        for slot in range(0, change.shape[1], 2):
+            block = program.blocks[robot, slot // 2]
+            heading, speed = change[robot, slot], change[robot, slot + 1]
+            total += 0.5 * (block[0] * heading + 2.0 * block[1] * speed) * heading
+            total += 0.5 * block[2] * speed * speed
+    return total

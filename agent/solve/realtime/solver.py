@@ -1,0 +1,147 @@
+"""Real-time iteration: a few steps of sequential quadratic programming from the last step's solution."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from agent.solve.deadline import Deadline
+from agent.solve.problem import LIMITED_QUANTITIES, PRICE_PER_M, JointProblem, Solution, Start
+from agent.solve.realtime.distances import violations_of
+from agent.solve.realtime.profiles import inputs_of, states_of
+from agent.solve.realtime.sequential import Data, improve
+from agent.solve.starts import within_limits
+from agent.solve.vehicle import Array
+
+TOLERANCE = 1e-5
+"""Of the quadratic programs' optimality conditions."""
+CONVERGED = 5e-4
+"""From a warm start, a step that promises to decrease the merit by no more than this, relative to it, is the
+last: near the optimum, what remains after a step is a hundred times less."""
+FEASIBLE_M = 8e-4
+"""A trajectory that violates a distance by more is iterated on."""
+CONVERGED_COLD = 1e-6
+"""The same from a cold start."""
+COLD_ITERATIONS = 30
+"""Most iterations from a cold start."""
+
+
+class RealTimeSolver:
+    """Every iterate is a true rollout within the limits, so that it can end after any of them.
+
+    Args:
+        iterations: most of them a step, from a warm start.
+        deadline: after it no further iteration begins; the first one always does.
+    """
+
+    def __init__(self, iterations: int, deadline: Deadline) -> None:
+        self._iterations = iterations
+        self._deadline = deadline
+
+    def solve(self, problem: JointProblem, start: Start) -> Solution:
+        """See :class:`agent.solve.problem.JointSolver`."""
+        data, states, forces, pressures = _begin(problem, start)
+        most, least = (self._iterations, CONVERGED) if start.warm else (COLD_ITERATIONS, CONVERGED_COLD)
+        given = (states, start.inputs, problem.previous_inputs)
+        solved, iterations = all(bool(np.isfinite(each).all()) for each in given), 0
+        while solved and iterations < most and not (iterations and self._deadline.has_passed()):
+            states, forces, pressures, promised, _, solved = improve(
+                data, states, forces, pressures, PRICE_PER_M, TOLERANCE, 0
+            )
+            iterations += 1
+            if promised <= least and _is_feasible(data, states):
+                break
+        return _solution(problem, states, forces, pressures, solved, iterations)
+
+
+@dataclass(frozen=True)
+class Response:
+    """A solution, and how it moves with the goals."""
+
+    solution: Solution
+    by_goal: Array
+    """Derivatives of the states from stage 1 on by the goal positions (x_0, y_0, x_1, …), shape
+    (2M, M, stages, 4); to first order, and as long as the same constraints are tight."""
+
+
+def respond(problem: JointProblem, start: Start, stages: int, tolerance: float = TOLERANCE) -> Response:
+    """One iteration of the real-time solver, with the sensitivities of so many stages to the goals.
+
+    Args:
+        problem: the problem.
+        start: where the iteration starts.
+        stages: of so many, from stage 1 on, the sensitivities are wanted.
+        tolerance: of the quadratic program's optimality conditions.
+    """
+    data, states, forces, pressures = _begin(problem, start)
+    states, forces, pressures, _, by_goal, solved = improve(
+        data, states, forces, pressures, PRICE_PER_M, tolerance, stages
+    )
+    return Response(_solution(problem, states, forces, pressures, solved, iterations=1), by_goal)
+
+
+def _begin(problem: JointProblem, start: Start) -> tuple[Data, Array, Array, Array]:
+    """What an iteration needs: the data, then states, forces and pressures as kernels take them."""
+    inputs = within_limits(problem, start.inputs)
+    return (
+        _data_of(problem),
+        states_of(_compact(problem.states), inputs, problem.step_s),
+        _compact(start.forces),
+        _by_side(start.pressures),
+    )
+
+
+def _is_feasible(data: Data, states: Array) -> bool:
+    _, largest_m = violations_of(states, data.obstacles, data.safety_distances, data.area)
+    return largest_m <= FEASIBLE_M
+
+
+def _by_side(pressures: Array) -> Array:
+    """Pressures (M, K, 5) as the quadratic program has them: shape (2, M, 5K), none negative."""
+    flat = pressures.swapaxes(1, 2).reshape(len(pressures), -1)
+    return np.maximum([-flat, flat], 0.0)
+
+
+def _by_stage(pressures: Array, steps: int) -> Array:
+    """The inverse of :func:`_by_side`."""
+    low, high = pressures.reshape(2, -1, LIMITED_QUANTITIES, steps)
+    return (high - low).swapaxes(1, 2)
+
+
+def _solution(
+    problem: JointProblem, states: Array, forces: Array, pressures: Array, solved: bool, iterations: int
+) -> Solution:
+    # Quadratic programs keep limits to their tolerance; what is handed on keeps them exactly.
+    inputs = within_limits(problem, inputs_of(states, problem.step_s))
+    states = problem.rollout(inputs)
+    return Solution(
+        inputs=inputs,
+        states=states,
+        forces=forces,
+        pressures=_by_stage(pressures, problem.steps),
+        objective=problem.objective(states),
+        violation_m=problem.violation_m(states),
+        solved=solved,
+        iterations=iterations,
+    )
+
+
+def _data_of(problem: JointProblem) -> Data:
+    bounds = problem.input_bounds
+    return Data(
+        # Inputs recovered from noisy poses can lie outside the limits.
+        previous_inputs=_compact(np.clip(problem.previous_inputs, -bounds, bounds)),
+        goals=_compact(problem.goals),
+        input_bounds=_compact(bounds),
+        rate_bounds=_compact(problem.rate_bounds),
+        speed_bounds=_compact(problem.speed_bounds),
+        obstacles=_compact(problem.obstacles),
+        safety_distances=_compact(problem.safety_distances),
+        area=_compact(problem.area),
+        weights=_compact(problem.weights),
+        step_s=problem.step_s,
+    )
+
+
+def _compact(values: Array) -> Array:
+    """As kernels take arrays: C-contiguous, of float64."""
+    return np.ascontiguousarray(values, dtype=np.float64)

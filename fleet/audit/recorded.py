@@ -1,0 +1,154 @@
+"""A recorded run by what the world and each robot had before them."""
+
+from collections import defaultdict
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, TypeVar
+
+from fleet.audit.difference import Difference, Part, compared
+from fleet.record.recording import Recording, RecordingError, read_recording
+from fleet.record.stream import KINDS
+from fleet.run.experiment import RunFacts
+from protocol.keys import Keys
+from protocol.messages import Command, Message, Mind, Observation, PublicScene, Truth
+from protocol.scenario import Scenario, ScenarioError, parse_scenario
+
+RECORDING_NAME = "run.mcap"
+
+
+class _OfAStep(Protocol):
+    @property
+    def step(self) -> int: ...
+
+
+Kind = TypeVar("Kind", bound=Message)
+OfAStep = TypeVar("OfAStep", bound=_OfAStep)
+
+
+@dataclass(frozen=True)
+class RecordedRun:
+    """A recording, read key by key: what is asked for is read, and nothing else."""
+
+    recording: Recording
+    scenario: Scenario
+    """As attached to the recording."""
+
+    @property
+    def facts(self) -> RunFacts:
+        """What the run was."""
+        return self.recording.facts
+
+    @property
+    def keys(self) -> Keys:
+        """Of the run."""
+        return Keys(self.facts.run)
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """Ids, in the order of the scenario."""
+        return tuple(robot.id for robot in self.scenario.robots)
+
+    def scenes(self) -> list[PublicScene]:
+        """What the world said of itself: once, unless something is wrong."""
+        return list(self._on(self.keys.scene, PublicScene))
+
+    def truths(self) -> list[Truth]:
+        """Of all steps, in the order of recording."""
+        return list(self._on(self.keys.truth, Truth))
+
+    def observations(self, robot: str) -> dict[int, list[Observation]]:
+        """What was put for this robot, by step."""
+        return by_step(self._on(self.keys.pose(robot), Observation))
+
+    def commands(self, robot: str) -> dict[int, list[Command]]:
+        """What came from this robot, by step."""
+        return by_step(self._on(self.keys.command(robot), Command))
+
+    def minds(self, robot: str) -> list[Mind]:
+        """What this robot thought, decision by decision."""
+        return list(self._on(self.keys.mind(robot), Mind))
+
+    def readable_by(self, robot: str) -> tuple[str, str]:
+        """The keys that a robot reads; the router's policy (``protocol.policy``) lets it read no others."""
+        return (self.keys.pose(robot), self.keys.scene)
+
+    def strays(self) -> list[Difference]:
+        """Keys and kinds of messages that have no place in this run."""
+        keys = self.keys
+        places = {(keys.scene, KINDS["scene"]), (keys.truth, KINDS["truth"])}
+        for robot in self.robots:
+            named = {"pose": keys.pose(robot), "command": keys.command(robot), "mind": keys.mind(robot)}
+            places |= {(key, KINDS[kind]) for kind, key in named.items()}
+        known = {(key, kind.__name__) for key, kind in places}
+        return [
+            Difference(part="key", field=key, recorded=f"messages of the kind {kind}", repeated=None)
+            for key, kind in sorted(self.recording.channels() - known)
+        ]
+
+    def scene_difference(self) -> Difference | None:
+        """In what the recorded scene is not the one that the scenario gives for such a run.
+
+        That one holds goals in a run with exchanged goals only.
+        """
+        scenes = self.scenes()
+        if len(scenes) != 1:
+            return Difference(part="scene", recorded=f"{len(scenes)} scenes", repeated="1 scene")
+        [scene] = scenes
+        public = self.scenario.scene(with_goals=self.facts.goals_are_exchanged)
+        return compared("scene", scene, PublicScene(epoch=scene.epoch, scene=public))
+
+    def _on(self, key: str, kind: type[Kind]) -> Iterator[Kind]:
+        return (message for message in self.recording.on(key) if isinstance(message, kind))
+
+
+def open_run(path: Path) -> RecordedRun:
+    """Open the recording of a run.
+
+    Args:
+        path: the file, or the directory that ``unspoken run`` has left.
+
+    Raises:
+        RecordingError: there is none, it cannot be read, faults befell the run, its world was started again,
+            or its scenario is wrong.
+    """
+    recording = read_recording(path / RECORDING_NAME if path.is_dir() else path)
+    if recording.facts.faults:
+        raise RecordingError(
+            f"{recording.path}: {_faults(recording.facts.faults)} of this run, so its robots may not have "
+            "decided on what is recorded; only runs without faults can be repeated"
+        )
+    try:
+        scenario = parse_scenario(recording.scenario_text, recording.path)
+    except ScenarioError as error:
+        raise RecordingError(f"the scenario attached to the recording cannot be used: {error}") from None
+    run = RecordedRun(recording, scenario)
+    if len({scene.epoch for scene in run.scenes()}) > 1:
+        raise RecordingError(
+            f"{recording.path}: the world was started again in this run, at a step that nobody can tell "
+            "exactly; only runs of a single epoch can be repeated"
+        )
+    return run
+
+
+def _faults(number: int) -> str:
+    return "a fault was part" if number == 1 else f"{number} faults were part"
+
+
+def by_step(messages: Iterable[OfAStep]) -> dict[int, list[OfAStep]]:
+    """Messages by their step, each step's in their order."""
+    sorted_out: defaultdict[int, list[OfAStep]] = defaultdict(list)
+    for message in messages:
+        sorted_out[message.step].append(message)
+    return dict(sorted_out)
+
+
+def too_many(
+    part: Part, robot: str, messages: Mapping[int, Sequence[Message]], expected: Container[int]
+) -> list[Difference]:
+    """What is recorded of steps of which nothing is expected, and more than one message of the others."""
+    return [
+        Difference(part=part, robot=robot, step=step, recorded=surplus.model_dump_json(), repeated=None)
+        for step, several in messages.items()
+        for surplus in several[1 if step in expected else 0 :]
+    ]

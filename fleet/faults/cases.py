@@ -1,0 +1,63 @@
+"""A suite of faults: cases, each with what has to hold beside it."""
+
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, StringConstraints, model_validator
+
+from chassis.yaml_file import read_as
+from fleet.inject.schedule import Scheduled, schedule
+from protocol.faults import ClockStep, DiskFull, Faults, Pause, RecorderDies, as_tuple
+from protocol.scenario import Scenario
+from protocol.scene import Settings
+
+BUNDLED = Path(__file__).with_name("suite.yaml")
+PROCESSES_ONLY = (ClockStep, Pause, DiskFull, RecorderDies)
+"""Kinds that mean nothing in virtual time."""
+
+CaseName = Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
+
+
+class Case(Settings):
+    """Faults, and what has to hold beyond what holds in every case (``fleet.faults.invariants``)."""
+
+    name: CaseName
+    faults: Annotated[Faults, Field(min_length=1)]
+    everybody_arrives: bool = False
+    """Also the robots that the faults befall."""
+    no_collision: bool = False
+    """None at all, instead of none that a healthy robot could have avoided."""
+    settles_s: Annotated[float, Field(gt=0, le=1e3)] | None = None
+    """So long after the end of the faults nobody is degraded any more."""
+
+    @property
+    def needs_processes(self) -> bool:
+        """Whether it means nothing in virtual time."""
+        return any(isinstance(fault, PROCESSES_ONLY) for fault in self.faults)
+
+    def scheduled(self, scenario: Scenario, seed: int) -> list[Scheduled[Any]]:
+        """The faults with their times."""
+        return schedule(self.faults, seed=seed, step_s=scenario.step_s)
+
+
+class Suite(Settings):
+    """What a file of cases says."""
+
+    cases: Annotated[tuple[Case, ...], BeforeValidator(as_tuple), Field(min_length=1, max_length=1000)]
+
+    @model_validator(mode="after")
+    def _names_differ(self) -> "Suite":
+        twice = [name for name, count in Counter(case.name for case in self.cases).items() if count > 1]
+        if twice:
+            raise ValueError(f"the name {twice[0]!r} is used twice; names of cases must differ")
+        return self
+
+
+def load_cases(path: Path) -> tuple[Case, ...]:
+    """Read a suite of faults.
+
+    Raises:
+        ScenarioError: the file cannot be read or is no such suite; told with file, line and field.
+    """
+    return read_as(path, Suite, "suite of faults").cases

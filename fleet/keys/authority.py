@@ -1,0 +1,228 @@
+"""The authority and the certificates that it signs: in memory, nothing is written here."""
+
+import re
+import secrets
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from ipaddress import IPv4Address, IPv6Address, ip_address
+from typing import Final, Self
+
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.ec import (
+    SECP256R1,
+    EllipticCurvePrivateKey,
+    generate_private_key,
+)
+from cryptography.hazmat.primitives.hashes import SHA256
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from protocol.device_keys import KeysError, date_text
+from protocol.keys import BENCH_NAME, WORLD_NAME, checked_name
+
+_HOST_NAME: Final = re.compile(r"(?=.{1,253}\Z)(?![\d.]+\Z)\w[\w-]{0,62}(\.\w[\w-]{0,62})*", re.ASCII)
+_ROBOT_FOLDER: Final = "robot-"
+_FOLDERS: Final = {WORLD_NAME: "world", BENCH_NAME: "bench"}
+_HOLDERS: Final = {folder: name for name, folder in _FOLDERS.items()}
+
+
+@dataclass(frozen=True)
+class Host:
+    """Where robots find the world: a host name or an IPv4 address."""
+
+    place: str | IPv4Address
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """A host as a person writes it.
+
+        Raises:
+            ValueError: it is neither a host name nor an IPv4 address; told in plain words.
+        """
+        try:
+            address = ip_address(text)
+        except ValueError:
+            if _HOST_NAME.fullmatch(text):
+                return cls(text)
+            raise ValueError(
+                f"{text!r} found, a host name or an IPv4 address is expected, such as lab.example or "
+                "192.168.1.7, without protocol and port"
+            ) from None
+        if isinstance(address, IPv6Address):  # Zenoh takes what stands before the first colon for the host
+            raise ValueError(
+                f"{text!r} found, but over TLS Zenoh connects to no IPv6 address; give the world a host name"
+            )
+        return cls(address)
+
+    def to_general_name(self) -> x509.GeneralName:
+        """As a certificate holds it."""
+        return x509.DNSName(self.place) if isinstance(self.place, str) else x509.IPAddress(self.place)
+
+
+LOCAL_HOSTS: Final = (Host("localhost"), Host(IPv4Address("127.0.0.1")))
+"""Of a world that is found on its own machine only."""
+
+
+@dataclass(frozen=True)
+class Device:
+    """Who gets a certificate."""
+
+    name: str
+    """A robot's id, ``WORLD_NAME`` or ``BENCH_NAME``: the common name."""
+    hosts: tuple[Host, ...] = ()
+    """Where it is found; for the world only."""
+
+    @property
+    def folder(self) -> str:
+        """The name of the folder with its keys."""
+        return folder_of(self.name)
+
+
+def folder_of(name: str) -> str:
+    """The name of the folder with the keys of a robot, the world or the bench."""
+    return _FOLDERS.get(name, f"{_ROBOT_FOLDER}{name}")
+
+
+def name_of(folder: str) -> str | None:
+    """Whose keys a folder of this name holds; None if it is no device's."""
+    if folder in _HOLDERS or not folder.startswith(_ROBOT_FOLDER):
+        return _HOLDERS.get(folder)
+    try:
+        return checked_name(folder.removeprefix(_ROBOT_FOLDER))
+    except ValueError:
+        return None
+
+
+def hosts_in(certificate: x509.Certificate) -> list[str]:
+    """The hosts for which a certificate is valid, as people write them."""
+    try:
+        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except x509.ExtensionNotFound:
+        return []
+    return [*names.get_values_for_type(x509.DNSName), *map(str, names.get_values_for_type(x509.IPAddress))]
+
+
+BACKDATING: Final = timedelta(days=1)
+"""Certificates are valid from so long before they are made: a device's clock may be wrong by a time zone."""
+
+
+@dataclass(frozen=True)
+class Credentials:
+    """A certificate and the private key that belongs to it."""
+
+    certificate: x509.Certificate
+    key: EllipticCurvePrivateKey
+
+    @property
+    def certificate_pem(self) -> bytes:
+        """The certificate as Zenoh and OpenSSL read it."""
+        return self.certificate.public_bytes(Encoding.PEM)
+
+    @property
+    def key_pem(self) -> bytes:
+        """The private key as Zenoh and OpenSSL read it, without password."""
+        return self.key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+
+
+@dataclass(frozen=True)
+class Authority(Credentials):
+    """Whom all devices of a fleet trust."""
+
+    @classmethod
+    def new(cls, now: datetime, days: int) -> Self:
+        """An authority with a name of its own, so that two can be told apart.
+
+        Args:
+            now: when it is made, aware of its zone.
+            days: for which it is valid from now on.
+        """
+        key = generate_private_key(SECP256R1())
+        name = _name(f"unspoken authority {secrets.token_hex(4)}")
+        identifier = x509.SubjectKeyIdentifier.from_public_key(key.public_key())
+        builder = (
+            _builder(name, name, key, now, days)
+            .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+            .add_extension(_usage(signs_certificates=True), critical=True)
+            .add_extension(
+                x509.AuthorityKeyIdentifier.from_issuer_subject_key_identifier(identifier), critical=False
+            )
+        )
+        return cls(builder.sign(key, SHA256()), key)
+
+    def issue(self, device: Device, now: datetime, days: int) -> Credentials:
+        """A certificate for a device, with a new private key.
+
+        The world's certificate is for a server at its hosts, all others are for clients: no robot can be
+        taken for the world.
+
+        Args:
+            device: whose name becomes the common name.
+            now: when it is made, aware of its zone.
+            days: for which it is valid from now on.
+
+        Raises:
+            KeysError: the authority does not last so long.
+        """
+        end, latest = now + timedelta(days=days), self.certificate.not_valid_after_utc
+        if end > latest:
+            raise KeysError(
+                f"certificates for {days} days would end on {date_text(end)}, after their authority, which "
+                f"expires on {date_text(latest)}; {_shorter((latest - now).days)}"
+            )
+        key = generate_private_key(SECP256R1())
+        purpose = (
+            ExtendedKeyUsageOID.SERVER_AUTH if device.name == WORLD_NAME else ExtendedKeyUsageOID.CLIENT_AUTH
+        )
+        builder = (
+            _builder(_name(device.name), self.certificate.subject, key, now, days)
+            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+            .add_extension(_usage(signs_certificates=False), critical=True)
+            .add_extension(x509.ExtendedKeyUsage([purpose]), critical=False)
+            .add_extension(
+                x509.AuthorityKeyIdentifier.from_issuer_public_key(self.key.public_key()), critical=False
+            )
+        )
+        if device.hosts:
+            names = x509.SubjectAlternativeName([host.to_general_name() for host in device.hosts])
+            builder = builder.add_extension(names, critical=False)
+        return Credentials(builder.sign(self.key, SHA256()), key)
+
+
+def _shorter(days: int) -> str:
+    if days < 1:
+        return "make new keys for everybody with 'unspoken keys create'"
+    return f"--days {days} is the most"
+
+
+def _name(common_name: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
+
+
+def _builder(
+    subject: x509.Name, issuer: x509.Name, key: EllipticCurvePrivateKey, now: datetime, days: int
+) -> x509.CertificateBuilder:
+    """What a certificate of the authority has in common with one of a device."""
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - BACKDATING)
+        .not_valid_after(now + timedelta(days=days))
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
+    )
+
+
+def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
+    return x509.KeyUsage(
+        digital_signature=not signs_certificates,
+        key_cert_sign=signs_certificates,
+        crl_sign=False,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        encipher_only=False,
+        decipher_only=False,
+    )

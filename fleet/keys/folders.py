@@ -1,0 +1,211 @@
+"""The folders that ``unspoken keys`` makes: one of the authority, and one for each device.
+
+Whatever interrupts the making, a folder of a device is there with certificate and key that belong together,
+or it is not there.
+"""
+
+import os
+from collections.abc import Iterable, Sequence
+from datetime import datetime
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
+
+from fleet.interruption import Interruption
+from fleet.keys.authority import (
+    LOCAL_HOSTS,
+    Authority,
+    Credentials,
+    Device,
+    Host,
+    folder_of,
+    hosts_in,
+    name_of,
+)
+from protocol.device_keys import (
+    AUTHORITY_FILE,
+    CERTIFICATE_FILE,
+    KEY_FILE,
+    KeysError,
+    check_pair,
+    check_time,
+    read_certificate,
+    read_key,
+)
+from protocol.keys import WORLD_NAME
+
+AUTHORITY_FOLDER: Final = "authority"
+_PRIVATE: Final = 0o600
+_PUBLIC: Final = 0o644
+
+
+def create(
+    directory: Path, devices: Iterable[Device], now: datetime, days: int, authority_days: int
+) -> Authority:
+    """Make an authority and the keys of these devices: all of them, or nothing.
+
+    Args:
+        directory: new or empty.
+        devices: who gets keys.
+        now: when they are made, aware of its zone.
+        days: for which the devices' certificates are valid.
+        authority_days: for which the authority is.
+
+    Raises:
+        KeysError: the directory holds something, or the authority does not last as long as the certificates.
+        OSError: the directory cannot be written.
+    """
+    directory = directory.resolve()
+    if directory == Path.cwd():
+        raise KeysError(f"{directory} is where you are; name a new directory in it")
+    if directory.exists() and any(directory.iterdir()):
+        raise KeysError(
+            f"{directory} is not empty; choose another directory, or if it holds keys already, renew them "
+            "and add some with 'unspoken keys issue'"
+        )
+    authority = Authority.new(now, authority_days)
+    directory.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=f".{directory.name}-", dir=directory.parent) as beside:
+        whole = Path(beside) / "whole"
+        whole.mkdir(mode=0o700)
+        write_authority(whole / AUTHORITY_FOLDER, authority)
+        for device in devices:
+            write_device(whole / device.folder, authority, authority.issue(device, now, days))
+        whole.rename(directory)
+    return authority
+
+
+def issue(directory: Path, devices: Sequence[Device], now: datetime, days: int) -> None:
+    """Give these devices new keys and certificates of the authority that is there.
+
+    All are written before the first takes the place of an older one.
+
+    Args:
+        directory: as ``create`` made it.
+        devices: who gets them; those that had some before get others.
+        now: when they are made, aware of its zone.
+        days: for which the certificates are valid.
+
+    Raises:
+        KeysError: there are no devices, the authority cannot be used or does not last so long, or a device's
+            folder holds something else too, which would be lost.
+        OSError: the directory cannot be written.
+    """
+    authority = read_authority(directory / AUTHORITY_FOLDER, now)
+    if not devices:
+        raise KeysError(
+            f"{directory}: no device has keys here yet; name who shall get some, as with --robot 1"
+        )
+    for device in devices:
+        _refuse_foreign_files(directory / device.folder)
+    with TemporaryDirectory(prefix=".issued-", dir=directory) as beside:
+        new, old = Path(beside) / "new", Path(beside) / "old"
+        new.mkdir(mode=0o700)
+        old.mkdir(mode=0o700)
+        for device in devices:
+            write_device(new / device.folder, authority, authority.issue(device, now, days))
+        with Interruption():  # a Ctrl-C between the two steps waits for the second
+            for device in devices:
+                _replace(directory / device.folder, new / device.folder, old / device.folder)
+
+
+def read_authority(folder: Path, now: datetime) -> Authority:
+    """The authority in a folder, to sign with it.
+
+    Raises:
+        KeysError: it is missing, incomplete, open to others, not made by ``unspoken keys``, or expired.
+    """
+    if not folder.is_dir():
+        raise KeysError(f"{folder}: there is no authority here; 'unspoken keys create' makes one")
+    certificate, key = read_certificate(folder / AUTHORITY_FILE), read_key(folder / KEY_FILE)
+    check_pair(key, certificate, folder)
+    check_time(certificate, folder / AUTHORITY_FILE, now)
+    if not isinstance(key, EllipticCurvePrivateKey):
+        raise KeysError(
+            f"{folder / KEY_FILE}: the key of an elliptic curve is expected, as 'unspoken keys' makes it"
+        )
+    return Authority(certificate, key)
+
+
+def devices_in(directory: Path) -> list[str]:
+    """Whose folders are there: the world, the bench, then the robots in the order of their ids."""
+    names = [name for path in directory.iterdir() if path.is_dir() and (name := name_of(path.name))]
+    return sorted(names, key=lambda name: (not name.startswith("@"), name != WORLD_NAME, _in_order(name)))
+
+
+def hosts_of_world(directory: Path) -> tuple[Host, ...]:
+    """The hosts in the world's certificate, to be kept in the next one; those of one machine without it.
+
+    Raises:
+        KeysError: its certificate cannot be read, or holds other hosts than ``unspoken keys`` puts there.
+    """
+    path = directory / folder_of(WORLD_NAME) / CERTIFICATE_FILE
+    if not path.parent.is_dir():
+        return LOCAL_HOSTS
+    try:
+        return tuple(map(Host.parse, hosts_in(read_certificate(path))))
+    except (KeysError, ValueError) as error:
+        raise KeysError(f"{error}; name the world's hosts with --host") from None
+
+
+def write_authority(folder: Path, authority: Authority) -> None:
+    """Write the folder that stays with the operator.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    folder.mkdir(mode=0o700)
+    _write(folder / AUTHORITY_FILE, authority.certificate_pem, _PUBLIC)
+    _write(folder / KEY_FILE, authority.key_pem, _PRIVATE)
+
+
+def write_device(folder: Path, authority: Authority, credentials: Credentials) -> None:
+    """Write a folder that ``load_device_keys`` reads.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    folder.mkdir(mode=0o700)
+    _write(folder / AUTHORITY_FILE, authority.certificate_pem, _PUBLIC)
+    _write(folder / CERTIFICATE_FILE, credentials.certificate_pem, _PUBLIC)
+    _write(folder / KEY_FILE, credentials.key_pem, _PRIVATE)
+
+
+def _write(path: Path, content: bytes, mode: int) -> None:
+    """Write a new file that never had more than this mode, and is on the disk afterwards."""
+    with open(path, "xb", opener=lambda name, flags: os.open(name, flags, mode)) as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _replace(folder: Path, new: Path, old: Path) -> None:
+    """Put a new folder where an old one may be; if that fails the old one is there again."""
+    if folder.is_dir():
+        folder.rename(old)
+    try:
+        new.rename(folder)
+    except OSError:
+        if old.is_dir():
+            old.rename(folder)
+        raise
+
+
+def _refuse_foreign_files(folder: Path) -> None:
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        raise KeysError(f"{folder}: a folder is expected, or nothing; move it away")
+    known = {AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE}
+    foreign = (
+        sorted(path.name for path in folder.iterdir() if path.name not in known) if folder.is_dir() else []
+    )
+    if foreign:
+        raise KeysError(
+            f"{folder}: the whole folder is replaced, and {foreign[0]} in it would be lost; move it away"
+        )
+
+
+def _in_order(name: str) -> tuple[int, str]:
+    """2 before 10."""
+    return (int(name) if name.isdecimal() else 0, name)

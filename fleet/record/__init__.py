@@ -1,0 +1,1 @@
+"""What a run leaves: its stream of messages, recording, summary and picture."""

@@ -1,0 +1,1 @@
+"""`unspoken run` and `unspoken simulate`: one run, in processes or in virtual time."""

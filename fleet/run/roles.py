@@ -1,0 +1,168 @@
+"""What each process of a run is told at its start."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from fleet.inject.casting import Faults
+from fleet.run.experiment import Experiment
+from fleet.run.supervision import WORLD
+from fleet.status.reach import Reach
+from protocol.identity import Login, new_passwords, write_password, write_users
+from protocol.keys import BENCH_NAME
+from protocol.scenario import ScenarioRobot
+from protocol.session import SessionSettings, client_session
+
+
+class Logins:
+    """What each process is told at its start to prove who it is.
+
+    Args:
+        directory: for the files, which nobody else may look into; it outlives the run.
+        robots: their ids.
+
+    Raises:
+        OSError: the files cannot be written.
+    """
+
+    def __init__(self, directory: Path, robots: Iterable[str]) -> None:
+        self._directory = directory
+        self._users = directory / "users"
+        passwords = new_passwords([BENCH_NAME, *robots])
+        write_users(self._users, passwords)
+        self.bench = Login(BENCH_NAME, passwords.pop(BENCH_NAME))
+        self.bench_file: Path | None = directory / f"{BENCH_NAME}.password"
+        write_password(self.bench_file, self.bench.password)
+        self._passwords = passwords
+        self._files = {robot: directory / f"{robot}.password" for robot in passwords}
+        for robot, password in passwords.items():
+            write_password(self._files[robot], password)
+
+    def of_world(self) -> dict[str, str]:
+        """Settings of the world's process."""
+        return {"users": str(self._users)}
+
+    def of_robot(self, robot: str) -> dict[str, str]:
+        """Settings of a robot's process."""
+        return {"password_file": str(self._files[robot])}
+
+    def of_relay(self, robot: str) -> dict[str, str]:
+        """Settings of a process that stands for a robot at the world, and for the world at the robot.
+
+        Raises:
+            OSError: its file of users cannot be written.
+        """
+        users = self._directory / f"{robot}.users"
+        write_users(users, {robot: self._passwords[robot]})
+        return {"users": str(users), **self.of_robot(robot)}
+
+
+class NoLogins:
+    """For a run without a policy: nobody proves anything."""
+
+    bench = bench_file = None
+
+    def of_world(self) -> dict[str, str]:
+        """Settings of the world's process."""
+        return {}
+
+    def of_robot(self, _robot: str) -> dict[str, str]:
+        """Settings of a robot's process."""
+        return {}
+
+    def of_relay(self, _robot: str) -> dict[str, str]:
+        """Settings of a process between a robot and the world."""
+        return {}
+
+
+class Role(NamedTuple):
+    """One process, as :meth:`fleet.run.crew.Crew.start` wants it."""
+
+    name: str
+    module: str
+    settings: dict[str, str]
+
+
+def name_of(robot: str) -> str:
+    """The process of a robot."""
+    return f"robot-{robot}"
+
+
+class Roles:
+    """The processes of one run on this machine.
+
+    Args:
+        experiment: what is run.
+        directory: for sockets and passwords, which nobody else may look into; it outlives the run.
+
+    Raises:
+        OSError: passwords cannot be written.
+    """
+
+    def __init__(self, experiment: Experiment, directory: Path) -> None:
+        self._experiment = experiment
+        self._directory = directory
+        self._endpoint = f"unixsock-stream/{directory}/world.sock"
+        self._faults = Faults(experiment, directory)
+        robots = [robot.id for robot in experiment.scenario.robots]
+        self._logins = Logins(directory, robots) if experiment.facts.policy else NoLogins()
+
+    def bench(self) -> SessionSettings:
+        """The session of the bench."""
+        return client_session(self._endpoint, self._logins.bench)
+
+    def reach(self) -> Reach:
+        """How somebody else of this user's can listen, too."""
+        run, password_file = self._experiment.facts.run, self._logins.bench_file
+        return Reach(endpoint=self._endpoint, run=run, password_file=password_file)
+
+    def world(self) -> Role:
+        """The world, which begins when the bench listens."""
+        facts = self._experiment.facts
+        settings = {
+            "scenario": str(self._faults.scenario),
+            "listen": self._endpoint,
+            "run": facts.run,
+            "clock": facts.clock,
+            "seed": str(facts.seed),
+            "exchange_goals": "1" if facts.goals_are_exchanged else "0",
+            "await_reader": "1",
+        }
+        return Role(WORLD, "world", settings | self._logins.of_world())
+
+    def of_robot(self, robot: ScenarioRobot) -> Iterator[Role]:
+        """A robot and, where a fault lies on its link, what stands between it and the world."""
+        endpoint = self._endpoint
+        if self._faults.on_link(robot.id):
+            endpoint = f"unixsock-stream/{self._directory}/{robot.id}.sock"
+            yield self._relay(robot.id, endpoint)
+        yield self._robot(robot, endpoint)
+
+    def _relay(self, robot: str, endpoint: str) -> Role:
+        settings = {
+            "robot": robot,
+            "connect": self._endpoint,
+            "listen": endpoint,
+            "run": self._experiment.facts.run,
+            **self._faults.told,
+            **self._logins.of_relay(robot),
+        }
+        return Role(f"relay-{robot}", "fleet.inject.relay", settings)
+
+    def _robot(self, robot: ScenarioRobot, endpoint: str) -> Role:
+        """It is told its own goal and no other."""
+        facts, goal = self._experiment.facts, robot.goal_pose()
+        budget = {} if facts.budget_ms is None else {"budget_ms": repr(facts.budget_ms)}
+        settings = budget | {
+            "robot": robot.id,
+            "goal": f"{goal.x_m!r},{goal.y_m!r},{goal.heading_rad!r}",
+            "connect": endpoint,
+            "run": facts.run,
+            "goals": facts.goals,
+            "solver": facts.solver,
+            "iterations": str(facts.iterations),
+        }
+        settings |= self._logins.of_robot(robot.id)
+        if self._faults.on_robot(robot.id):
+            return Role(name_of(robot.id), "fleet.inject.robot", settings | self._faults.told)
+        return Role(name_of(robot.id), "agent", settings)

@@ -1,0 +1,100 @@
+"""``unspoken scenarios``: the command line."""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from fleet.record.output import OutputError
+from fleet.scenarios.families import FamilyName, NoRoomError
+from fleet.scenarios.suite import generate as generated
+from fleet.scenarios.suite import load_suite, write_suite
+from protocol.scenario import Scenario
+from protocol.scene import MAX_ROBOTS
+from scenarios import bundled_scenarios, bundled_suites
+from world.process import ExitStatus
+
+app = typer.Typer(
+    no_args_is_help=True,
+    help="List the bundled scenarios and suites, or generate a suite.\n\nExit status: 0 done, 2 wrong usage.",
+)
+
+
+@app.command("list")
+def list_bundled() -> None:
+    """List the bundled scenarios and suites; each can be named wherever a file or a directory is asked for.
+
+    Exit status: 0 listed, 2 wrong usage.
+    """
+    table = Table(box=box.SIMPLE_HEAD)
+    table.add_column("Name", overflow="fold")
+    table.add_column("Scenarios", justify="right")
+    table.add_column("Robots", justify="right")
+    for name in (*bundled_scenarios(), *bundled_suites()):
+        scenarios = [scenario for _, scenario in load_suite(name).scenarios]
+        table.add_row(name, str(len(scenarios)), _robots(scenarios))
+    Console(highlight=False).print(table)
+
+
+def checked_numbers(text: str) -> str:
+    """A text such as ``2..4,8``.
+
+    Raises:
+        typer.BadParameter: it names no numbers of robots.
+    """
+    if not numbers_in(text):
+        raise typer.BadParameter(
+            f"{text!r} found, numbers of robots from 1 to {MAX_ROBOTS} are expected, such as 4, 2,4,8 or 2..8"
+        )
+    return text
+
+
+def numbers_in(text: str) -> list[int]:
+    """The numbers that a text such as ``2..4,8`` names; none if it names none."""
+    numbers: list[int] = []
+    for part in text.split(","):
+        match = re.fullmatch(r"(\d{1,3})(?:\.\.(\d{1,3}))?", part, re.ASCII)
+        first, last = (int(match[1]), int(match[2] or match[1])) if match else (0, 0)
+        if not 1 <= first <= last <= MAX_ROBOTS:
+            return []
+        numbers.extend(range(first, last + 1))
+    return numbers
+
+
+@app.command()
+def generate(
+    out: Annotated[Path, typer.Option(help="Directory for the suite, new or empty.", file_okay=False)],
+    family: Annotated[FamilyName, typer.Option(help="How starts and goals lie.")] = "perimeter",
+    robots: Annotated[
+        str,
+        typer.Option(
+            callback=checked_numbers, help="Numbers of robots, gone through in turn.", metavar="N,N..N"
+        ),
+    ] = "2..8",
+    count: Annotated[int, typer.Option(min=1, help="Scenarios.")] = 40,
+    seed: Annotated[int, typer.Option(min=0, help="Of all that is drawn.")] = 0,
+) -> None:
+    """Generate a suite: a directory of scenario files, the same ones for the same options.
+
+    Exit status: 0 written, 2 wrong usage, or the directory cannot be used; nothing is left in it then.
+    """
+    recipe = f"unspoken scenarios generate --family {family} --robots {robots} --count {count} --seed {seed}"
+    try:
+        scenarios = generated(family, numbers_in(robots), count, seed)
+        write_suite(out, scenarios, f"Made by {recipe}")
+    except (NoRoomError, OutputError) as error:
+        typer.echo(f"unspoken: {error}", err=True)
+        raise typer.Exit(ExitStatus.WRONG_USAGE) from None
+    noun = "scenario" if count == 1 else "scenarios"
+    typer.echo(f"Wrote {count} {noun} of {_robots(scenarios.values())} robots to {out}.")
+
+
+def _robots(scenarios: Iterable[Scenario]) -> str:
+    """The least and the largest number of robots."""
+    numbers = {len(scenario.robots) for scenario in scenarios}
+    return "–".join(str(number) for number in sorted({min(numbers), max(numbers)}))

@@ -1,0 +1,105 @@
+"""Makes a suite of one family, and writes it."""
+
+import secrets
+import shutil
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fleet.record.output import OutputError
+from fleet.scenarios.families import FAMILIES, FamilyName
+from protocol.scenario import Scenario, ScenarioError, load_scenario, scenario_text
+from scenarios import find_suite
+
+
+@dataclass(frozen=True)
+class Suite:
+    """Scenarios by the stems of their files, in the order of these."""
+
+    name: str
+    scenarios: tuple[tuple[str, Scenario], ...]
+
+
+def load_suite(name_or_path: str) -> Suite:
+    """Read a directory of scenario files (``*.yaml``), or a single file as a suite of one.
+
+    Args:
+        name_or_path: a bundled suite or scenario, a directory or a file.
+
+    Raises:
+        ScenarioError: there is no such suite, it is empty, or files in it are wrong: the text tells what
+            ``load_scenario`` tells, for each of them.
+    """
+    path = find_suite(name_or_path)
+    if not path.is_dir():
+        return Suite(path.stem, ((path.stem, load_scenario(path)),))
+    files = sorted(path.glob("*.yaml"), key=lambda file: file.stem)
+    if not files:
+        raise ScenarioError(f"{path}: a suite needs at least one scenario file, and no *.yaml is there")
+    scenarios, problems = [], []
+    for file in files:
+        try:
+            scenarios.append((file.stem, load_scenario(file)))
+        except ScenarioError as error:
+            problems.append(str(error))
+    if problems:
+        raise ScenarioError("\n".join(problems))
+    return Suite(path.resolve().name, tuple(scenarios))
+
+
+def generate(family: FamilyName, robots: Sequence[int], count: int, seed: int) -> dict[str, Scenario]:
+    """Scenarios by name, such as ``circle-8-03``: of this family, the third with eight robots.
+
+    Each has draws of its own, so with a larger count the robots of the first ones stay the same.
+
+    Args:
+        family: of all of them.
+        robots: numbers of robots, which are gone through in turn.
+        count: of scenarios.
+        seed: of their draws.
+
+    Raises:
+        NoRoomError: the family cannot place so many robots.
+    """
+    made: dict[str, Scenario] = {}
+    drawn = Counter[int]()
+    for index in range(count):
+        number = robots[index % len(robots)]
+        drawn[number] += 1
+        # Zeros in front, so that the order of names is that of numbers.
+        name = f"{family}-{number:0{len(str(max(robots)))}}-{drawn[number]:0{len(str(count))}}"
+        scenario = FAMILIES[family](number, np.random.default_rng((seed, index)))
+        made[name] = scenario.model_copy(update={"name": name})
+    return made
+
+
+def write_suite(directory: Path, scenarios: Mapping[str, Scenario], comment: str) -> None:
+    """Write a file a scenario: all of them, or nothing.
+
+    Args:
+        directory: new or empty.
+        scenarios: by the stems of their files.
+        comment: one line, the first of each file.
+
+    Raises:
+        OutputError: the directory holds something or cannot be written.
+    """
+    directory = directory.resolve()
+    beside = directory.parent / f".{directory.name}-{secrets.token_hex(4)}"
+    try:
+        if directory == Path.cwd():
+            raise OutputError(f"{directory} is where you are; name a new directory in it with --out")
+        if directory.exists() and any(directory.iterdir()):
+            raise OutputError(f"{directory} is not empty; choose another directory with --out, or remove it")
+        beside.mkdir(parents=True)
+        for name, scenario in scenarios.items():
+            text = f"# {comment}\n{scenario_text(scenario)}"
+            (beside / f"{name}.yaml").write_text(text, encoding="utf-8")
+        beside.rename(directory)
+    except OSError as error:
+        raise OutputError(f"{directory} cannot be used for the output: {error.strerror}") from error
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)

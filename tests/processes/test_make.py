@@ -1,0 +1,140 @@
+"""The set-up is done when it is needed, and refuses clearly; continuous integration runs all checks."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+CI_RUN = ROOT / ".ci" / "run"
+ENVIRONMENT = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ}
+"""Without the variables of a make that runs the tests."""
+
+
+@pytest.fixture
+def clone(tmp_path):
+    """What make looks at, in a folder with a space in its name."""
+    folder = tmp_path / "a clone"
+    (folder / "tests" / "deploy").mkdir(parents=True)
+    for name in ("Makefile", "pyproject.toml", "constraints.txt", "tests/processes/deploy/compose-tool.txt"):
+        shutil.copy(ROOT / name, folder / name)
+    return folder
+
+
+def make(folder, *arguments):
+    return subprocess.run(
+        ["make", *arguments], cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, check=False
+    )
+
+
+def set_up_at(folder, time_s):
+    """Leave the stamps of a set-up made at a time."""
+    (folder / ".venv").mkdir()
+    for name in ("ready", "ready-for-tests"):
+        (folder / ".venv" / name).touch()
+        os.utime(folder / ".venv" / name, (time_s, time_s))
+
+
+def stand_in_python(folder, preparation):
+    """A Python in which something is not as it should be."""
+    script = folder / "python"
+    script.write_text(
+        f'#!/bin/sh\nexec "{sys.executable}" -c "import sys; {preparation}; exec(sys.argv[2])" "$@"\n'
+    )
+    script.chmod(0o755)
+    return script
+
+
+def test_help_is_the_default_and_lists_every_target():
+    said = make(ROOT).stdout
+    (phony,) = re.findall(r"^\.PHONY: (.*)", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert set(re.findall(r"^make ([a-z-]+)", said, re.MULTILINE)) == set(phony.split())
+
+
+@pytest.mark.parametrize("target", ["run", "check", "test", "test-slow"])
+def test_every_target_sets_up_first(clone, target):
+    first, *_ = [line for line in make(clone, "--dry-run", target).stdout.splitlines() if " -m venv " in line]
+    assert first.endswith(".venv")
+
+
+@pytest.mark.parametrize("target", ["run", "check", "test", "test-slow"])
+def test_a_finished_set_up_is_not_done_again(clone, target):
+    newest_s = max(path.stat().st_mtime for path in clone.rglob("*"))
+    set_up_at(clone, newest_s + 1)
+    planned = make(clone, "--dry-run", target)
+    assert planned.returncode == 0, planned.stderr
+    assert "pip" not in planned.stdout
+
+
+@pytest.mark.parametrize("changed", ["pyproject.toml", "constraints.txt"])
+def test_the_set_up_is_done_again_when_what_to_install_changes(clone, changed):
+    newest_s = max(path.stat().st_mtime for path in clone.rglob("*"))
+    set_up_at(clone, newest_s + 1)
+    os.utime(clone / changed, (newest_s + 2, newest_s + 2))
+    assert "pip install" in make(clone, "--dry-run", "run").stdout
+
+
+def test_a_missing_python_is_named(clone):
+    refused = make(clone, "run", "PYTHON=no-such-python")
+    assert refused.returncode != 0
+    assert "There is no command no-such-python. Python 3.11 or newer is needed." in refused.stderr
+    assert not (clone / ".venv").exists()
+
+
+def test_a_python_that_is_too_old_is_refused(clone):
+    old = stand_in_python(clone, "sys.version_info = (3, 10, 13)")
+    refused = make(clone, "run", f"PYTHON={old}")
+    assert refused.returncode != 0
+    assert "Python 3.11 or newer is needed." in refused.stderr
+    assert not (clone / ".venv").exists()
+
+
+def test_a_python_without_ensurepip_is_told_what_to_install(clone):
+    bare = stand_in_python(clone, "sys.modules['ensurepip'] = None")
+    refused = make(clone, "run", f"PYTHON={bare}")
+    assert refused.returncode != 0
+    assert "python3-venv" in refused.stderr
+    assert not (clone / ".venv").exists()
+
+
+@pytest.fixture
+def continuous_integration(tmp_path):
+    """Runs ``.ci/run`` with stand-ins that note how they are called; gives its success and the calls."""
+
+    def run(failing="nothing"):
+        calls = tmp_path / "calls"
+        (needed,) = re.findall(r"^needed=\((.*)\)$", CI_RUN.read_text(), re.MULTILINE)
+        for name in {"python3", "apt-get", *needed.split()}:
+            stand_in = tmp_path / name
+            stand_in.write_text(
+                f'#!/bin/sh\necho "{name} $1" >> "{calls}"\ntest "{name} $1" != "{failing}"\n'
+            )
+            stand_in.chmod(0o755)
+        environment = ENVIRONMENT | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+        status = subprocess.run(["bash", CI_RUN], env=environment, check=False).returncode
+        return status == 0, calls.read_text().splitlines()
+
+    return run
+
+
+def test_continuous_integration_runs_every_check(continuous_integration):
+    passed, calls = continuous_integration()
+    assert passed
+    assert calls == ["python3 -c", "make check", "make test", "make test-slow"]
+
+
+@pytest.mark.parametrize("failing", ["make check", "make test", "make test-slow"])
+def test_continuous_integration_stops_at_the_first_check_that_fails(continuous_integration, failing):
+    passed, calls = continuous_integration(failing)
+    assert not passed
+    assert calls[-1] == failing
+
+
+def test_continuous_integration_installs_what_the_set_up_lacks(continuous_integration):
+    passed, calls = continuous_integration("python3 -c")
+    assert passed
+    assert calls[1:3] == ["apt-get update", "apt-get install"]

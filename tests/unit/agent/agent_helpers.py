@@ -1,0 +1,128 @@
+"""Scenes, memories, problems and a second, slow way of driving that the tests of the agent share."""
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agent.remember.memory import Memory
+from agent.solve import ITERATIONS, joint_solver
+from agent.solve.deadline import Deadline
+from agent.solve.problem import JointProblem, JointSolver, Start
+from agent.solve.starts import cold_starts
+from agent.solve.vehicle import Array
+from protocol.messages import Accuracy, Observation, State
+from protocol.scene import Area, PublicRobot, Scene
+from protocol.vehicle import Limits
+
+STEP_S = 0.1
+EPOCH = 7
+SAFETY_M = 1.39
+WEIGHTS = (1.0, 1.0, 0.03, 0.6)
+LOOSE = Limits(
+    speed_mps=1000.0,
+    acceleration_mps2=1000.0,
+    turn_rate_radps=1000.0,
+    jerk_mps3=1000.0,
+    turn_acceleration_radps2=1000.0,
+)
+"""Limits that nothing in the tests comes near."""
+NEVER = Deadline(lambda: 0.0, None)
+SOLVERS: dict[str, JointSolver] = {
+    "realtime": joint_solver("realtime", ITERATIONS, NEVER),
+    "reference": joint_solver("reference", ITERATIONS, NEVER),
+}
+"""One of each for all tests: they may keep nothing that changes a result, and one test shows that."""
+
+
+def published() -> dict[str, Any]:
+    """Scenario 8a as the publication's plot data show it; see fleet/report/publication.md."""
+    path = Path(__file__).parents[3] / "fleet" / "reporting" / "publication.json"
+    content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))["scenario_8a"]
+    return content
+
+
+def euler(state: Sequence[float], inputs: Iterable[Sequence[float]], step_s: float = STEP_S) -> Array:
+    """Eq. 8 written as a loop over plain numbers, shape (K + 1, 4)."""
+    x, y, heading, speed = state
+    states = [(x, y, heading, speed)]
+    for turn_rate, acceleration in inputs:
+        x, y = x + step_s * speed * math.cos(heading), y + step_s * speed * math.sin(heading)
+        heading, speed = heading + step_s * turn_rate, speed + step_s * acceleration
+        states.append((x, y, heading, speed))
+    return np.array(states)
+
+
+def square(half_m: float) -> Area:
+    return Area(x_min_m=-half_m, x_max_m=half_m, y_min_m=-half_m, y_max_m=half_m)
+
+
+def scene_of(robots: Iterable[str], *, limits: Limits | None = None, **rules: Any) -> Scene:
+    robot = PublicRobot(limits=limits or Limits())
+    return Scene(robots=dict.fromkeys(robots, robot), **rules)
+
+
+def remembered(tracks: Mapping[str, Array], *, estimation_steps: int = 15) -> Memory:
+    """A memory that saw these states (n, 4), all ending now; a shorter track begins later."""
+    memory = Memory(estimation_steps + 2, STEP_S)
+    longest = max(len(track) for track in tracks.values())
+    for step in range(longest):
+        first = {robot: longest - len(track) for robot, track in tracks.items()}
+        memory.remember(
+            step,
+            {robot: track[step - first[robot]] for robot, track in tracks.items() if step >= first[robot]},
+        )
+    return memory
+
+
+def problem_of(
+    states: Sequence[Sequence[float]] | Array,
+    goals: Sequence[Sequence[float]] | Array,
+    *,
+    previous: Sequence[Sequence[float]] | None = None,
+    obstacles: Array | None = None,
+    limits: Limits | None = None,
+    area_m: float = 10.0,
+    weights: Sequence[float] = WEIGHTS,
+    steps: int = 30,
+) -> JointProblem:
+    """A joint problem with the publication's numbers unless said otherwise."""
+    count = len(states)
+    moving = np.zeros((0, steps + 1, 2)) if obstacles is None else obstacles
+    return JointProblem(
+        states=np.array(states, dtype=float),
+        previous_inputs=np.zeros((count, 2)) if previous is None else np.array(previous, dtype=float),
+        goals=np.array(goals, dtype=float),
+        limits=(limits or Limits(),) * count,
+        obstacles=moving,
+        safety_distances=np.full((count, count + len(moving)), SAFETY_M),
+        area=np.array([[-area_m, -area_m], [area_m, area_m]]),
+        weights=np.array(weights),
+        steps=steps,
+        step_s=STEP_S,
+    )
+
+
+def cold(problem: JointProblem) -> Start:
+    """The preferred start when nothing is known."""
+    return cold_starts(problem)[0]
+
+
+def seen(
+    step: int, states: Mapping[str, Sequence[float]], *, accuracy: Accuracy | None = None, age_steps: int = 0
+) -> Observation:
+    """What a robot observes when these robots are in these states."""
+    return Observation(
+        epoch=EPOCH,
+        step=step,
+        time_s=step * STEP_S,
+        age_steps=age_steps,
+        accuracy=accuracy or Accuracy(),
+        robots={
+            robot: State(x_m=float(x), y_m=float(y), heading_rad=float(heading), speed_mps=float(speed))
+            for robot, (x, y, heading, speed) in states.items()
+        },
+    )

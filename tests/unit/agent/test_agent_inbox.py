@@ -1,0 +1,107 @@
+"""Only the newest pose counts, however many wait and whatever lies between them."""
+
+import threading
+
+import msgpack
+import pytest
+import structlog
+from agent_helpers import seen
+from structlog.testing import capture_logs
+
+from agent.process.inbox import Inbox
+from protocol.codec import OtherVersionError, encode
+from protocol.messages import Observation
+
+PATIENCE_S = 60.0
+HERE = {"a": (1.0, 2.0, 0.5, 0.0)}
+
+
+def pose(step: int, *, epoch: int = 7) -> Observation:
+    return seen(step, HERE).model_copy(update={"epoch": epoch})
+
+
+@pytest.fixture
+def inbox():
+    return Inbox(structlog.get_logger())
+
+
+def test_a_backlog_is_skipped(inbox):
+    for step in range(50):
+        inbox.store(encode(pose(step)))
+    assert inbox.has_news()
+    assert inbox.next() == pose(49)
+    assert not inbox.has_news()
+
+
+def test_news_is_what_is_newer_than_the_pose_that_was_taken(inbox):
+    inbox.store(encode(pose(4)))
+    assert inbox.next() == pose(4)
+    for step in (4, 3, 0):
+        inbox.store(encode(pose(step)))
+        assert not inbox.has_news()
+    inbox.store(encode(pose(6)))
+    inbox.store(encode(pose(5)))
+    assert inbox.has_news()
+    assert inbox.has_news(), "looking takes nothing away"
+    assert inbox.next() == pose(6)
+
+
+def test_a_new_epoch_is_news_at_any_step(inbox):
+    inbox.store(encode(pose(40)))
+    inbox.next()
+    inbox.store(encode(pose(0, epoch=8)))
+    assert inbox.has_news()
+    assert inbox.next() == pose(0, epoch=8)
+
+
+def test_what_is_no_pose_is_refused_and_hides_none(inbox):
+    inbox.store(encode(pose(1)))
+    inbox.next()
+    with capture_logs() as log:
+        inbox.store(b"\xc1 garbage")
+        assert not inbox.has_news()
+        inbox.store(encode(pose(2)))
+        inbox.store(b"")
+        assert inbox.next() == pose(2)
+    assert [entry["event"] for entry in log] == ["refused an observation"] * 2
+
+
+def of_another_version(step: int) -> bytes:
+    return msgpack.packb(pose(step).model_dump(mode="python") | {"schema_version": 9})
+
+
+def test_a_pose_of_another_version_is_told_once_where_there_is_no_newer_pose(inbox):
+    inbox.store(of_another_version(0))
+    told = inbox.next()
+    assert isinstance(told, OtherVersionError)
+    assert told.version == 9
+    inbox.store(encode(pose(1)))
+    inbox.store(of_another_version(2))
+    assert inbox.next() == pose(1)
+    inbox.store(of_another_version(3))
+    inbox.store(encode(pose(4)))
+    assert inbox.next() == pose(4)
+    assert not inbox.has_news()
+    inbox.close()
+    assert inbox.next() is None
+
+
+def test_whoever_waits_is_woken_by_a_pose_and_by_the_end(inbox):
+    taken, took = [], threading.Semaphore(0)
+
+    def take():
+        while True:
+            taken.append(inbox.next())
+            took.release()
+            if taken[-1] is None:
+                return
+
+    taker = threading.Thread(target=take)
+    taker.start()
+    inbox.store(encode(pose(3)))
+    assert took.acquire(timeout=PATIENCE_S)
+    inbox.close()
+    assert took.acquire(timeout=PATIENCE_S)
+    taker.join()
+    assert taken == [pose(3), None]
+    assert inbox.next() is None

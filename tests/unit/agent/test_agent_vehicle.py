@@ -1,0 +1,64 @@
+"""The vehicle model against a plain loop, closed forms and the symbolic step."""
+
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+from agent_helpers import STEP_S, euler
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from agent.solve.reference import symbolic_step
+from agent.solve.vehicle import recovered_inputs, rollout
+
+numbers = st.floats(-5.0, 5.0, allow_subnormal=False)
+states = arrays(float, 4, elements=numbers)
+input_sequences = st.integers(1, 12).flatmap(lambda steps: arrays(float, (steps, 2), elements=numbers))
+steps_s = st.sampled_from([0.02, 0.1, 0.5])
+
+
+@given(states, input_sequences, steps_s)
+def test_a_rollout_is_the_euler_loop(state, inputs, step_s):
+    np.testing.assert_allclose(rollout(state, inputs, step_s), euler(state, inputs, step_s), atol=1e-11)
+
+
+def test_a_rollout_of_many_robots_is_the_rollout_of_each():
+    random = np.random.default_rng(1)
+    many, inputs = random.normal(size=(3, 4)), random.normal(size=(3, 7, 2))
+    together = rollout(many, inputs, STEP_S)
+    assert together.shape == (3, 8, 4)
+    for alone, state, control in zip(together, many, inputs, strict=True):
+        np.testing.assert_array_equal(alone, rollout(state, control, STEP_S))
+
+
+def test_constant_acceleration_straight_on_follows_the_sum_of_an_arithmetic_series():
+    heading, speed, acceleration, steps = 0.7, 1.5, -2.0, 25
+    end = rollout(np.array([1.0, -1.0, heading, speed]), np.tile([0.0, acceleration], (steps, 1)), STEP_S)[-1]
+    way = speed * steps * STEP_S + acceleration * STEP_S**2 * steps * (steps - 1) / 2
+    expected = (1.0 + way * math.cos(heading), -1.0 + way * math.sin(heading), heading)
+    assert end == pytest.approx([*expected, speed + acceleration * steps * STEP_S])
+
+
+def test_constant_turning_drives_a_regular_polygon_back_to_its_start():
+    corners, speed = 24, 2.0
+    turn_rate = math.tau / corners / STEP_S
+    states = rollout(np.array([3.0, 1.0, 0.2, speed]), np.tile([turn_rate, 0.0], (corners, 1)), STEP_S)
+    assert states[-1] == pytest.approx([3.0, 1.0, 0.2 + math.tau, speed])
+    circumradius = speed * STEP_S / (2 * math.sin(math.pi / corners))
+    centre = states[:-1, :2].mean(axis=0)
+    assert np.linalg.norm(states[:, :2] - centre, axis=1) == pytest.approx(circumradius)
+
+
+@given(states, arrays(float, 2, elements=numbers), steps_s)
+def test_the_symbolic_step_is_one_step_of_the_rollout(state, control, step_s):
+    x, u = ca.SX.sym("x", 4), ca.SX.sym("u", 2)
+    step = ca.Function("step", [x, u], [symbolic_step(x, u, step_s)])
+    moved = np.asarray(step(state, control)).ravel()
+    np.testing.assert_allclose(moved, rollout(state, control[None], step_s)[-1], atol=1e-12)
+
+
+@given(states, input_sequences, steps_s)
+def test_the_inputs_of_a_rollout_are_recovered_from_its_states(state, inputs, step_s):
+    np.testing.assert_allclose(recovered_inputs(rollout(state, inputs, step_s), step_s), inputs, atol=1e-9)

@@ -1,0 +1,284 @@
+"""The baselines: others predicted alone, and reciprocal collision avoidance by a differential drive."""
+
+import math
+from typing import get_args
+
+import numpy as np
+import pytest
+import typer
+from agent_helpers import NEVER, SAFETY_M, SOLVERS, STEP_S, euler, remembered, scene_of, seen
+from hypothesis import given
+from hypothesis import strategies as st
+from test_agent_closed_loop import run
+from test_prediction_and_planning import Watched, advance, assert_same_starts
+
+import agent.__main__
+from agent.agent import Agent
+from agent.estimate import ESTIMATORS, GoalsName
+from agent.methods import method_of
+from agent.remember.gate import REACQUIRED_AFTER
+from agent.remember.memory import LONGEST_GAP
+from agent.solve.orca import HORIZON_S, LEAN_RAD, PREFERRED_SPEED_MPS, OrcaPlanner, tracking_input
+from agent.solve.planning import Planner
+from agent.solve.prediction import Prediction
+from agent.solve.starts import cold_starts
+from protocol.scenario import Pose, Scenario, ScenarioRobot
+from protocol.scene import Goal
+from protocol.vehicle import STANDSTILL, Input, Limits
+
+ALONE: tuple[GoalsName, ...] = ("constant-acceleration-alone", "constant-velocity")
+BASELINES: tuple[GoalsName, ...] = (*ALONE, "orca")
+GOAL = Goal(x_m=4.0, y_m=0.0, heading_rad=0.0)
+EGO = (-4.0, 0.0, 0.0, 1.0)
+STRAIGHT = (0.0, 0.0)
+COLLISION_M = 0.99
+
+
+def predicted(goals: GoalsName, other: tuple[float, ...], driven: tuple[float, float]) -> Prediction:
+    """What the ego predicts of another robot that begins in this state and is seen for two steps."""
+    memory = remembered({"a": euler(EGO, [STRAIGHT]), "b": euler(other, [driven])})
+    method = method_of(goals, scene_of("ab"), "a", SOLVERS["realtime"], NEVER)
+    assert method.estimator.estimate(memory) == {}
+    return method.predictor.predict(memory, {}, ())
+
+
+def agent_of(goals: GoalsName, robots: str = "abc") -> Agent:
+    return Agent("a", GOAL, scene_of(robots), goals=goals, solver="realtime", clock=lambda: 0.0)
+
+
+def orca() -> OrcaPlanner:
+    scene = scene_of("ab")
+    return OrcaPlanner(scene, "a", Planner(scene, "a", SOLVERS["realtime"], NEVER))
+
+
+def test_every_name_is_that_of_an_estimator_or_of_a_baseline():
+    assert {*get_args(GoalsName)} == {*ESTIMATORS, *BASELINES}
+
+
+@pytest.mark.parametrize("goals", ["constant-velocity", "orca"])
+def test_at_constant_velocity_a_robot_goes_on_along_its_heading_however_it_turned(goals):
+    path = predicted(goals, (1.0, 2.0, 0.5, -1.2), (0.3, 1.0)).paths["b"]
+    start = euler((1.0, 2.0, 0.5, -1.2), [(0.3, 1.0)])[-1]
+    way = STEP_S * start[3] * np.arange(31)
+    np.testing.assert_allclose(path[:, 0], start[0] + way * math.cos(0.53), atol=1e-12)
+    np.testing.assert_allclose(path[:, 1], start[1] + way * math.sin(0.53), atol=1e-12)
+
+
+def test_at_constant_acceleration_alone_a_robot_speeds_up_to_its_limits_and_out_of_the_area():
+    """From 1 m/s with 0.5 m/s²: 0.7 m/s² more a step up to 3 m/s², until 4.5 m/s."""
+    path = predicted("constant-acceleration-alone", (8.0, -2.0, 0.4, 0.95), (0.0, 0.5)).paths["b"]
+    accelerations = np.minimum(0.5 + 0.7 * np.arange(1, 30), 3.0)
+    speeds = np.minimum(1.0 + STEP_S * np.cumsum(accelerations), 4.5)
+    way = STEP_S * np.cumsum([0.95, 1.0, *speeds])
+    along = (path - (8.0, -2.0)) @ (math.cos(0.4), math.sin(0.4))
+    np.testing.assert_allclose(along, way, atol=1e-9)
+    np.testing.assert_allclose((path - (8.0, -2.0)) @ (-math.sin(0.4), math.cos(0.4)), 0.0, atol=1e-9)
+    assert path[-1, 0] > 10.0
+
+
+@pytest.mark.parametrize("goals", ALONE)
+def test_the_others_are_predicted_alone_and_the_ego_plans_around_them_to_its_true_goal(goals):
+    """The others meet head-on, and nobody makes way for anybody."""
+    others = {"b": (0.0, -3.0, math.pi / 2, 1.0), "c": (0.0, 3.0, -math.pi / 2, 1.0)}
+    decision = agent_of(goals).decide(seen(0, {"a": EGO} | others))
+    assert decision is not None
+    mind = decision.mind
+    assert (mind.estimates, list(mind.prediction), mind.failed) == ({}, ["b", "c"], ())
+    between = np.linalg.norm(np.subtract(mind.prediction["b"], mind.prediction["c"]), axis=1)
+    assert between.min() < COLLISION_M
+    for path in mind.prediction.values():
+        assert np.linalg.norm(np.subtract(mind.plan, path), axis=1).min() > SAFETY_M - 1e-3
+    assert mind.plan[-1][0] > -1.4, "as far as two robots in its way let it"
+
+
+def test_without_a_self_prediction_a_plan_starts_cold_and_then_from_the_last_one_a_step_on():
+    scene, solver = scene_of("ab"), Watched()
+    memory = remembered({"a": np.array([EGO]), "b": np.array([(0.0, 0.3, math.pi, 0.5)])})
+    _, predictor, planner = method_of("constant-velocity", scene, "a", solver, NEVER)
+    goal, plans = np.array([4.0, 0.0, 0.0, 0.0]), []
+    for _ in range(2):
+        prediction = predictor.predict(memory, {}, ())
+        plans.append(planner.plan(memory, goal, STANDSTILL, prediction))
+        advance(memory, {"a": plans[-1].inputs, "b": np.zeros((1, 2))})
+    *cold, (problem, warm) = solver.asked
+    np.testing.assert_array_equal(problem.goals, [goal])
+    np.testing.assert_array_equal(problem.obstacles, [prediction.paths["b"]])
+    assert_same_starts([start for _, start in cold], cold_starts(cold[0][0]))
+    assert warm.warm
+    np.testing.assert_array_equal(warm.inputs[0], [*plans[0].inputs[1:], STRAIGHT])
+
+
+def test_after_a_failed_plan_the_next_one_starts_cold():
+    scene, solver = scene_of("a"), Watched()
+    memory = remembered({"a": np.array([EGO])})
+    _, predictor, planner = method_of("constant-velocity", scene, "a", solver, NEVER)
+    for solver.solved in (True, False, True):
+        asked = len(solver.asked)
+        planner.plan(memory, np.array([4.0, 0.0, 0.0, 0.0]), STANDSTILL, predictor.predict(memory, {}, ()))
+    assert not solver.asked[asked][1].warm
+
+
+poses = st.tuples(*[st.floats(-3.0, 3.0)] * 3, st.floats(-2.0, 2.0))
+
+
+@given(st.lists(poses, min_size=1, max_size=15))
+def test_orca_s_velocity_is_that_of_the_library_s_own_defaults_in_the_world_s_frame(states):
+    """Set up by defaults and setters instead, for an ego at the origin; also where robots coincide."""
+    from pyrvo import RVOSimulator
+
+    robots = "abcdefghijklmnop"
+    tracks = dict(zip(robots, np.array([(0.0, 0.0, 0.7, 1.0), *states])[:, None], strict=False))
+    memory = remembered(tracks)
+    simulator = RVOSimulator(STEP_S, 1e3, 15, HORIZON_S, HORIZON_S, 0.695, 4.5)
+    for index, ((x, y, heading, speed),) in enumerate(tracks.values()):
+        simulator.add_agent((x, y))
+        simulator.set_agent_velocity(index, (speed * math.cos(heading), speed * math.sin(heading)))
+    direction = math.atan2(-3.0, 4.0) + LEAN_RAD
+    preferred = PREFERRED_SPEED_MPS * np.array([math.cos(direction), math.sin(direction)])
+    simulator.set_agent_pref_velocity(0, tuple(preferred.tolist()))
+    simulator.do_step()
+    velocity = orca().velocity(memory, np.array([4.0, -3.0, 0.0, 0.0]))
+    assert np.isfinite(velocity).all()
+    np.testing.assert_allclose(velocity, simulator.get_agent_velocity(0).to_tuple(), atol=1e-6)
+
+
+@given(st.floats(-1.0, 1.0), st.floats(-3.0, 3.0), st.floats(0.5, 4.0))
+def test_robots_that_could_take_orca_s_velocity_at_once_would_keep_the_safety_distance(offset, side, speed):
+    """Two points without inertia, from opposite sides; each sees only how the other moves."""
+    positions = np.array([(-4.0, 0.0), (4.0, offset)])
+    goals = np.array([(4.0, side, 0.0, 0.0), (-4.0, -side, 0.0, 0.0)])
+    velocities = np.array([(speed, 0.0), (-speed, 0.0)])
+    for _ in range(60):
+        headings, speeds = np.arctan2(velocities[:, 1], velocities[:, 0]), np.linalg.norm(velocities, axis=1)
+        states = np.column_stack([positions, headings, speeds])
+        both = [remembered({"a": states[[i]], "b": states[[1 - i]]}) for i in (0, 1)]
+        velocities = np.array([orca().velocity(both[i], goals[i]) for i in (0, 1)])
+        positions = positions + STEP_S * velocities
+        assert math.dist(*positions) > SAFETY_M - 1e-3
+
+
+def test_alone_the_preferred_velocity_is_taken_and_no_robot_is_asked_for_more_than_its_top_speed():
+    memory = remembered({"a": np.array([EGO])})
+    goal = np.array([4.0, 0.0, 0.0, 0.0])
+    expected = np.array([math.cos(LEAN_RAD), math.sin(LEAN_RAD)])
+    np.testing.assert_allclose(orca().velocity(memory, goal), PREFERRED_SPEED_MPS * expected, atol=1e-6)
+    slow = scene_of("a", limits=Limits(speed_mps=0.4))
+    planner = OrcaPlanner(slow, "a", Planner(slow, "a", SOLVERS["realtime"], NEVER))
+    np.testing.assert_allclose(planner.velocity(memory, goal), 0.4 * expected, atol=1e-6)
+
+
+@given(st.floats(-3.0, 3.0), st.floats(-2.0, 2.0), st.floats(-3.0, 3.0), st.floats(0.1, 4.0))
+def test_a_velocity_is_reached_within_the_limits_and_without_turning_too_far(heading, speed, direction, size):
+    limits, previous, state = Limits(), STANDSTILL, np.array([0.0, 0.0, heading, speed])
+    wanted = size * np.array([math.cos(direction), math.sin(direction)])
+    offset = math.remainder(direction - heading, math.tau)
+    for _ in range(80):
+        control = tracking_input(wanted, state, limits, previous, STEP_S)
+        assert abs(control.turn_rate_radps) <= 1.57
+        assert abs(control.acceleration_mps2) <= 3.0
+        assert abs(control.turn_rate_radps - previous.turn_rate_radps) <= 0.05 + 1e-9
+        assert abs(control.acceleration_mps2 - previous.acceleration_mps2) <= 0.7 + 1e-9
+        state, previous = euler(state, [control])[-1], control
+        turned = (state[2] - heading) * math.copysign(1.0, offset)
+        assert -1e-6 <= turned <= abs(offset) + 1e-6
+    assert turned == pytest.approx(abs(offset), abs=1e-6)
+    assert state[3] == pytest.approx(size, abs=1e-3)
+
+
+def test_a_velocity_of_nearly_nothing_turns_nobody():
+    state = np.array([0.0, 0.0, 0.0, 1.0])
+    control = tracking_input(np.array([0.0, 0.04]), state, Limits(), STANDSTILL, STEP_S)
+    assert control == pytest.approx(Input(0.0, -0.7))
+
+
+def test_orca_plans_one_step_and_says_nothing_for_the_one_after():
+    decision = agent_of("orca").decide(seen(0, {"a": EGO, "b": (0.0, 0.0, math.pi, 1.0)}))
+    assert decision is not None
+    moved = euler(EGO, [decision.command.input])
+    np.testing.assert_allclose(decision.mind.plan, moved[:, :2])
+    assert decision.command.then is None
+    assert list(decision.mind.prediction) == ["b"]
+
+
+def test_once_parking_a_robot_goes_on_parking_by_plans():
+    ego = agent_of("orca")
+    near, pushed = (3.0, 0.3, 0.2, 0.5), (2.0, 0.5, 0.3, 0.5)
+    lengths = [
+        len(ego.decide(seen(step, {"a": at})).mind.plan)
+        for step, at in enumerate((EGO, *[near] * REACQUIRED_AFTER, *[pushed] * REACQUIRED_AFTER))
+    ]
+    assert lengths[::REACQUIRED_AFTER] == [2, 31, 31]
+
+
+def scenario(*ways: tuple[float, float, float, float]) -> Scenario:
+    return Scenario(
+        name="ways",
+        robots=[
+            ScenarioRobot(id=str(i), start=Pose(x_m=x, y_m=y), goal=Pose(x_m=to_x, y_m=to_y))
+            for i, (x, y, to_x, to_y) in enumerate(ways)
+        ],
+    )
+
+
+def circle(count: int, radius_m: float) -> Scenario:
+    turns = [math.tau * i / count for i in range(count)]
+    ends = [(radius_m * math.cos(turn), radius_m * math.sin(turn)) for turn in turns]
+    return scenario(*[(x, y, -x, -y) for x, y in ends])
+
+
+@pytest.mark.parametrize("goals", BASELINES)
+def test_a_robot_alone_parks(goals):
+    truth, minds = run(scenario((-3.0, 1.0, 3.0, -2.0)), goals, steps=150)
+    assert truth.verdict == "arrived"
+    assert not any(mind.failed for mind in minds)
+    assert truth.robots["0"].clipped_commands == 0
+
+
+@pytest.mark.parametrize(
+    "crossing",
+    [
+        pytest.param(scenario((-4, 0, 4, 0), (4, 0, -4, 0)), id="head-on"),
+        pytest.param(scenario((-4, 0, 4, 0), (0, -4, 0, 4)), id="at right angles"),
+        pytest.param(circle(5, 4.0), id="five in a circle"),
+    ],
+)
+def test_by_orca_robots_avoid_one_another_and_park(crossing):
+    truth, minds = run(crossing, "orca", steps=300)
+    assert truth.verdict == "arrived"
+    assert truth.minimum_distance_m > COLLISION_M
+    assert not any(mind.failed for mind in minds)
+    assert all(robot.clipped_commands == 0 for robot in truth.robots.values())
+
+
+@pytest.mark.parametrize("goals", BASELINES)
+def test_sixteen_robots_decide(goals):
+    truth, minds = run(circle(16, 8.5), goals, steps=20)
+    assert len(minds) == 16 * 20
+    assert all(len(mind.prediction) == 15 for mind in minds)
+    assert all(robot.clipped_commands == 0 and robot.driven_m > 0.5 for robot in truth.robots.values())
+
+
+@pytest.mark.parametrize("goals", BASELINES)
+def test_robots_that_appear_and_vanish_are_predicted_while_they_are_there(goals):
+    ego, away = agent_of(goals), (0.0, -4.0, math.pi / 2, 1.0)
+    others = [
+        {},
+        {"b": away},
+        {"b": away, "stranger": (2.0, 3.0, 0.0, 0.0)},
+        {"stranger": (2.0, 3.0, 0.0, 0.0)},
+    ]
+    state, present = EGO, []
+    for step in range(4 + LONGEST_GAP):
+        decision = ego.decide(seen(step, {"a": state} | others[min(step, 3)]))
+        assert decision is not None
+        assert decision.mind.failed == ()
+        present.append(set(decision.mind.prediction))
+        state = tuple(euler(state, [decision.command.input])[1])
+    assert present == [set(), {"b"}, *[{"b", "stranger"}] * (LONGEST_GAP + 1), {"stranger"}]
+
+
+def test_without_its_library_orca_is_refused_with_what_to_do(monkeypatch):
+    monkeypatch.setattr("agent.__main__.is_available", lambda: False)
+    assert agent.__main__.checked_goals("constant-velocity") == "constant-velocity"
+    with pytest.raises(typer.BadParameter, match=r"pyrvo.*not installed.*\.\[orca\]"):
+        agent.__main__.checked_goals("orca")

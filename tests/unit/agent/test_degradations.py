@@ -1,0 +1,202 @@
+"""How a robot says that it is degraded, and what it drives then; and where it is when nobody believes it."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from agent_helpers import euler, scene_of, seen
+
+from agent.agent import Agent, Decision
+from agent.drive.monitor import CollisionMonitor
+from agent.drive.vigilance import BLIND_STEPS
+from agent.remember.gate import REACQUIRED_AFTER
+from agent.remember.memory import LONGEST_GAP
+from agent.solve.problem import JointProblem, JointSolver, Solution, Start
+from protocol.scene import Goal
+from protocol.vehicle import Limits, braking_input
+
+Place = tuple[float, float, float, float]
+A: Place = (-4.0, 0.0, 0.0, 2.0)
+B: Place = (4.0, 3.0, math.pi, 0.0)
+"""It stands beside the way of a."""
+GOAL = Goal(x_m=6.0, y_m=0.0, heading_rad=0.0)
+LIMITS = Limits()
+
+
+class Failing:
+    """Solves nothing as long as it is told so."""
+
+    def __init__(self, solver: JointSolver) -> None:
+        self.fails = False
+        self._solver = solver
+
+    def solve(self, problem: JointProblem, guess: Start) -> Solution:
+        solution = self._solver.solve(problem, guess)
+        return replace(solution, solved=solution.solved and not self.fails)
+
+
+def agent_of(through: Callable[[JointSolver], JointSolver] = lambda solver: solver) -> Agent:
+    return Agent(
+        "a",
+        GOAL,
+        scene_of("ab"),
+        goals="constant-acceleration",
+        solver="realtime",
+        clock=lambda: 0.0,
+        through=through,
+    )
+
+
+class Drive:
+    """Robot a in closed loop from step to step, wherever it is told to be."""
+
+    def __init__(self, agent: Agent | None = None) -> None:
+        self.agent = agent or agent_of()
+        self.state = A
+        self.step = 0
+        self.previous = (0.0, 0.0)
+
+    def on(
+        self,
+        others: Mapping[str, Place] = {"b": B},
+        *,
+        own: Place | None = None,
+        age_steps: int = 0,
+    ) -> Decision:
+        states = {"a": own or self.state, **others}
+        told = seen(self.step, states, age_steps=min(age_steps, self.step))
+        decision = self.agent.decide(told)
+        assert decision is not None
+        self.previous = decision.command.input
+        self.state = tuple(euler(self.state, [self.previous])[-1].tolist())
+        self.step += 1
+        return decision
+
+    def braking(self) -> tuple[float, float]:
+        """What braking at the present step would drive."""
+        return braking_input(LIMITS, self.previous, self.state[3], 0.1)
+
+
+def test_a_robot_that_sees_everybody_is_not_degraded():
+    drive = Drive()
+    assert [drive.on().mind.degraded for _ in range(8)] == [()] * 8
+
+
+def test_a_view_that_is_late_by_as_much_as_it_says_is_no_extrapolation():
+    drive = Drive()
+    assert [drive.on(age_steps=2).mind.degraded for _ in range(5)] == [()] * 5
+
+
+def test_who_is_not_seen_is_extrapolated_until_it_is_seen_again():
+    drive = Drive()
+    drive.on()
+    assert drive.on({}).mind.degraded == ("extrapolation",)
+    assert drive.on({}).mind.degraded == ("extrapolation",)
+    assert drive.on().mind.degraded == ()
+
+
+def test_a_sighting_that_is_refused_is_told_and_the_robot_is_taken_to_be_where_it_should_be():
+    drive = Drive()
+    drive.on()
+    jumped = drive.on({"b": (0.0, 0.5, *B[2:])}).mind
+    assert jumped.degraded == ("extrapolation", "gate")
+    assert jumped.prediction["b"][0] == pytest.approx(B[:2])
+    assert drive.on().mind.degraded == ()
+
+
+def test_a_robot_that_is_believed_anew_is_where_it_is_seen():
+    drive, elsewhere = Drive(), (-8.0, -6.0, *B[2:])
+    drive.on()
+    minds = [drive.on({"b": elsewhere}).mind for _ in range(REACQUIRED_AFTER + 1)]
+    assert ["gate" in mind.degraded for mind in minds] == [True] * (REACQUIRED_AFTER - 1) + [False] * 2
+    assert minds[-1].degraded == ()
+    assert minds[-1].prediction["b"][0] == pytest.approx(elsewhere[:2])
+
+
+def test_the_stop_for_want_of_sight_is_told_and_brakes():
+    drive = Drive()
+    for step in range(3):
+        drive.on({"b": (3.0 - 0.2 * step, 0.3, math.pi, 2.0)})
+    blind = [drive.on({}).mind.degraded for _ in range(BLIND_STEPS)]
+    assert blind == [("extrapolation",)] * BLIND_STEPS
+    braking = drive.braking()
+    stopping = drive.on({})
+    assert stopping.mind.degraded == ("extrapolation", "controlled stop")
+    assert stopping.command.input == braking
+    assert stopping.command.then is None
+
+
+def test_a_problem_that_was_not_solved_is_told():
+    solvers: list[Failing] = []
+
+    def through(solver: JointSolver) -> JointSolver:
+        solvers.append(Failing(solver))
+        return solvers[-1]
+
+    drive = Drive(agent_of(through))
+    drive.on()
+    solvers[0].fails = True
+    assert drive.on().mind.degraded == ("solver failure",)
+    solvers[0].fails = False
+    assert drive.on().mind.degraded == ()
+
+
+def test_an_intervention_is_told_and_brakes(monkeypatch):
+    drive = Drive()
+    drive.on()
+    braking = drive.braking()
+    with monkeypatch.context() as dangerous:
+        dangerous.setattr(CollisionMonitor, "must_brake", lambda *_: True)
+        decision = drive.on()
+    assert decision.mind.degraded == ("intervention",)
+    assert decision.command.input == braking
+    assert decision.command.then is None
+    assert drive.on().mind.degraded == ()
+
+
+def test_a_robot_whose_own_pose_jumps_goes_on_from_where_its_inputs_have_led_it():
+    drive, honest = Drive(), Drive()
+    for each in (drive, honest):
+        for _ in range(4):
+            each.on()
+    jumps = [(3.0, 5.0, 1.0, 0.0), (-9.0, -2.0, 0.0, 1.0), (8.0, -7.0, -1.0, 3.0)]
+    for jump in jumps:
+        here = drive.state
+        lost = drive.on(own=jump)
+        assert lost.mind.degraded == ("gate",)
+        assert lost.mind.plan[0] == pytest.approx(here[:2], abs=1e-9)
+        assert lost.command.input == pytest.approx(honest.on().command.input, abs=1e-6)
+    assert drive.on().mind.degraded == ()
+
+
+def test_a_robot_whose_own_poses_fit_one_another_elsewhere_is_there():
+    drive = Drive()
+    for _ in range(4):
+        drive.on()
+    moved = []
+    for _ in range(REACQUIRED_AFTER):
+        own = (drive.state[0], drive.state[1] + 4.0, *drive.state[2:])
+        moved.append((drive.on(own=own).mind, own))
+    assert ["gate" in mind.degraded for mind, _ in moved] == [True] * (REACQUIRED_AFTER - 1) + [False]
+    mind, own = moved[-1]
+    assert mind.plan[0] == pytest.approx(own[:2])
+
+
+def test_a_robot_that_cannot_know_where_it_is_decides_nothing():
+    """Its poses jump and it has given no command that it could go on from; then they fit again."""
+    agent = agent_of()
+    answered = []
+    for step in range(LONGEST_GAP + 4):
+        angle = 2.4 * step
+        jump = (-4.0 + 5.0 * math.cos(angle), 5.0 * math.sin(angle), 0.0, 2.0) if step else A
+        decision = agent.decide(seen(step, {"a": jump, "b": B}))
+        answered.append(decision is not None)
+        if decision is not None:
+            agent.withdraw()
+    assert answered == [True] * (LONGEST_GAP + 1) + [False] * 3
+    way = euler((1.0, 1.0, 0.0, 2.0), np.zeros((REACQUIRED_AFTER, 2)))
+    first = LONGEST_GAP + 4
+    decisions = [agent.decide(seen(first + ahead, {"a": here, "b": B})) for ahead, here in enumerate(way)]
+    assert [decision is not None for decision in decisions] == [False, False, True, True]

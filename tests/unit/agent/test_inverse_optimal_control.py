@@ -1,0 +1,171 @@
+"""What inverse optimal control makes of observed driving, in cases whose answer is known."""
+
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from agent_helpers import LOOSE, STEP_S, WEIGHTS, remembered, scene_of, square
+from inverse_drives import STEPS, crossing, optimal_drives, passing
+from inverse_oracle import dense_problem, solve_dense
+
+from agent.estimate import inverse_optimal_control
+from agent.estimate.constant_acceleration import ConstantAcceleration
+from agent.estimate.inverse_optimal_control import InverseOptimalControl
+from protocol.vehicle import Limits
+
+LARGE = square(1000.0)
+
+
+def optimal_window(start: tuple[float, ...], goal: tuple[float, ...], weights=WEIGHTS) -> np.ndarray:
+    """States (K_E + 1, 4) that are optimal for a goal with a free end, nothing in the way and no limit met.
+
+    The stage costs up to K_E − 1 are all that eq. 2 has beside its fixed end, so all multipliers vanish.
+    """
+    optimum = optimal_drives([start], np.array([goal]), steps=STEPS - 1, weights=weights)[0]
+    x, y, heading, speed = optimum[-1]
+    beyond = (x + STEP_S * speed * math.cos(heading), y + STEP_S * speed * math.sin(heading), heading, speed)
+    return np.concatenate([optimum, [beyond]])
+
+
+@pytest.mark.parametrize(
+    ("start", "goal"),
+    [
+        ((0.0, 0.0, 0.3, 2.0), (3.0, 2.0, 0.9, 0.0)),
+        ((-2.0, 1.0, 2.0, 1.0), (-4.0, 4.0, 1.5, 0.0)),
+        ((1.0, 1.0, -1.0, 3.0), (6.0, -4.0, -0.2, 0.0)),
+    ],
+)
+def test_the_goal_of_a_drive_that_is_optimal_and_meets_no_limit_is_recovered(start, goal):
+    scene = scene_of("a", limits=LOOSE, area=LARGE)
+    window = optimal_window(start, goal)
+    estimate = InverseOptimalControl(scene).estimate(remembered({"a": window}))["a"]
+    assert estimate == pytest.approx(goal, abs=0.01)
+
+
+def test_the_goal_is_recovered_with_the_weights_of_the_scene():
+    """A drive that was optimal for other weights gives another goal."""
+    goal, weights = (3.0, 2.0, 0.9, 0.0), (1.0, 2.0, 0.5, 0.1)
+    memory = remembered({"a": optimal_window((0.0, 0.0, 0.3, 2.0), goal, weights)})
+    names = ("x", "y", "heading", "speed")
+    right = scene_of("a", limits=LOOSE, area=LARGE, weights=dict(zip(names, weights, strict=True)))
+    wrong = scene_of("a", limits=LOOSE, area=LARGE)
+    assert InverseOptimalControl(right).estimate(memory)["a"] == pytest.approx(goal, abs=0.01)
+    assert np.linalg.norm(InverseOptimalControl(wrong).estimate(memory)["a"][:2] - goal[:2]) > 0.1
+
+
+def test_another_robot_far_away_does_not_change_a_recovered_goal():
+    scene = scene_of("ab", limits=LOOSE, area=LARGE)
+    goal = (3.0, 2.0, 0.9, 0.0)
+    tracks = {
+        "a": optimal_window((0.0, 0.0, 0.3, 2.0), goal),
+        "b": optimal_window((200.0, 0.0, 1.0, 2.0), (205.0, 5.0, 1.0, 0.0)),
+    }
+    assert InverseOptimalControl(scene).estimate(remembered(tracks))["a"] == pytest.approx(goal, abs=0.01)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_estimate_is_the_goal_that_a_public_solver_finds_from_the_present_pose(seed):
+    scene, tracks = scene_of("abcd"), passing(seed)
+    estimates = InverseOptimalControl(scene).estimate(remembered(tracks))
+    for robot in "ab":
+        offset = solve_dense(dense_problem(scene, tracks, robot), "piqp").goal_offset
+        x, y, heading = tracks[robot][-1, :3] + offset
+        expected = [np.clip(x, -10.0, 10.0), np.clip(y, -10.0, 10.0), heading, 0.0]
+        assert estimates[robot] == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.8, -2.4])
+def test_a_robot_that_drives_straight_is_going_straight_ahead(heading):
+    """By symmetry: nothing distinguishes its left from its right."""
+    direction = np.array([math.cos(heading), math.sin(heading)])
+    start = (*(-3.0 * direction), heading, 0.0)
+    goal = (*(4.0 * direction), heading, 0.0)
+    window = optimal_drives([start], np.array([goal]), steps=30, limits=Limits())[0][: STEPS + 1]
+    scene = scene_of("a", area=LARGE)
+    estimate = InverseOptimalControl(scene).estimate(remembered({"a": window}))["a"]
+    ahead = estimate[:2] - window[-1, :2]
+    assert ahead @ direction > 0.5
+    assert ahead @ [-direction[1], direction[0]] == pytest.approx(0.0, abs=1e-3)
+    assert estimate[2:] == pytest.approx([heading, 0.0], abs=1e-3)
+
+
+def test_turning_and_moving_the_whole_scene_turns_and_moves_the_estimates():
+    tracks = crossing(3)
+    angle, shift = 2.1, np.array([7.0, -5.0])
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    moved = {
+        robot: np.column_stack([track[:, :2] @ turn.T + shift, track[:, 2] + angle, track[:, 3]])
+        for robot, track in tracks.items()
+    }
+    scene = scene_of("abc", area=LARGE)
+    here, there = (InverseOptimalControl(scene).estimate(remembered(each)) for each in (tracks, moved))
+    for robot in "abc":
+        expected = [*(turn @ here[robot][:2] + shift), here[robot][2] + angle, 0.0]
+        assert there[robot] == pytest.approx(expected, abs=2e-3)
+
+
+def test_until_enough_steps_were_seen_the_constant_acceleration_model_stands_in():
+    scene = scene_of("abc")
+    tracks = crossing(4)
+    simple, inverse = ConstantAcceleration(scene), InverseOptimalControl(scene)
+    for count in (1, 2, STEPS):
+        memory = remembered({robot: track[:count] for robot, track in tracks.items()})
+        expected = simple.estimate(memory)
+        for robot, estimate in inverse.estimate(memory).items():
+            np.testing.assert_array_equal(estimate, expected[robot])
+    memory = remembered({robot: track[: STEPS + 1] for robot, track in tracks.items()})
+    expected = simple.estimate(memory)
+    for robot, estimate in inverse.estimate(memory).items():
+        assert np.linalg.norm(estimate - expected[robot]) > 0.5
+
+
+def test_each_robot_changes_over_when_it_was_seen_for_long_enough():
+    scene = scene_of("abc")
+    tracks = crossing(4)
+    memory = remembered(tracks | {"c": tracks["c"][-STEPS:]})
+    expected = ConstantAcceleration(scene).estimate(memory)
+    estimates = InverseOptimalControl(scene).estimate(memory)
+    assert {robot for robot in "abc" if (estimates[robot] == expected[robot]).all()} == {"c"}
+
+
+def test_a_program_that_is_not_solved_leaves_the_constant_acceleration_estimate(monkeypatch):
+    monkeypatch.setattr(inverse_optimal_control, "ITERATIONS", 1)
+    scene = scene_of("abc")
+    memory = remembered(crossing(4))
+    expected = ConstantAcceleration(scene).estimate(memory)
+    for robot, estimate in InverseOptimalControl(scene).estimate(memory).items():
+        np.testing.assert_array_equal(estimate, expected[robot])
+
+
+def test_a_position_that_is_no_number_leaves_the_constant_acceleration_estimates():
+    """Of everybody, since it belongs to everybody's constraints."""
+    scene, tracks = scene_of("abc"), crossing(4)
+    tracks["b"][8, 0] = math.nan
+    memory = remembered(tracks)
+    expected = ConstantAcceleration(scene).estimate(memory)
+    for robot, estimate in InverseOptimalControl(scene).estimate(memory).items():
+        np.testing.assert_array_equal(estimate, expected[robot])
+        assert np.isfinite(estimate).all()
+
+
+def test_goals_are_looked_for_inside_the_area_only():
+    window = optimal_window((0.0, 0.0, 0.3, 2.0), (3.0, 2.0, 0.9, 0.0))
+    scene = scene_of("a", limits=LOOSE, area=square(2.5))
+    estimate = InverseOptimalControl(scene).estimate(remembered({"a": window}))["a"]
+    assert estimate[0] == 2.5
+    assert abs(estimate[1]) <= 2.5
+
+
+def test_a_standing_robot_is_taken_to_stay():
+    """Every goal beside or behind it would explain standing as well; the nearest is taken."""
+    standing = np.tile([1.0, -2.0, 0.4, 0.0], (STEPS + 1, 1))
+    estimate = InverseOptimalControl(scene_of("a")).estimate(remembered({"a": standing}))["a"]
+    assert estimate == pytest.approx([1.0, -2.0, 0.4, 0.0], abs=1e-6)
+
+
+def test_estimating_needs_no_casadi():
+    """Its memory and start-up time are spared where the real-time solver runs."""
+    code = "import sys, agent.estimate; sys.exit('casadi' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

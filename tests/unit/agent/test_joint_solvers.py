@@ -1,0 +1,174 @@
+"""Both solvers on problems whose answer is known, and the accounts they give of their solutions."""
+
+import math
+from itertools import combinations
+
+import numpy as np
+import pytest
+from agent_helpers import NEVER, SAFETY_M, SOLVERS, STEP_S, WEIGHTS, cold, euler, problem_of
+
+from agent.solve import ITERATIONS, joint_solver
+from agent.solve.problem import JointProblem, JointSolver, Solution, Start
+from agent.solve.starts import cold_starts
+
+TOLERANCE_M = 1e-5
+"""Of distances, and of speeds in m/s, where a solver has converged."""
+ON_THE_WAY_M = {"realtime": 1e-3, "reference": 1e-6}
+"""Of distances wherever a solver ends: the real-time one may do so while it still creeps along a boundary."""
+BY_COST = 1e-3
+"""Trajectories that differ by no more, in their units, cost the same to a millionth."""
+
+
+@pytest.fixture(params=SOLVERS, scope="module")
+def name(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def solver(name: str) -> JointSolver:
+    return SOLVERS[name]
+
+
+def solve(solver: JointSolver, problem: JointProblem, start: Start | None = None) -> Solution:
+    return solver.solve(problem, start or cold(problem))
+
+
+def crossing(robots: int = 4, seed: int = 0, **settings) -> JointProblem:
+    """Robots on a circle, each bound for the opposite side, at some speed and heading not quite there."""
+    random = np.random.default_rng(seed)
+    angles = np.arange(robots) * math.tau / robots + random.uniform(-0.2, 0.2, robots)
+    around = np.column_stack([np.cos(angles), np.sin(angles)])
+    headings = angles + math.pi
+    states = np.column_stack(
+        [4 * around, headings + random.uniform(-0.3, 0.3, robots), random.uniform(0, 2, robots)]
+    )
+    goals = np.column_stack([-4 * around, headings, np.zeros(robots)])
+    return problem_of(states, goals, **settings)
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.3])
+def test_one_robot_alone_drives_straight_to_its_goal(solver, heading):
+    direction = np.array([math.cos(heading), math.sin(heading)])
+    start, goal = (*(-2 * direction), heading, 0.0), (*(2 * direction), heading, 0.0)
+    solution = solve(solver, problem_of([start], [goal], steps=60))
+    states = solution.states[0]
+    assert solution.solved
+    np.testing.assert_allclose(states[:, :2] @ [-direction[1], direction[0]], 0.0, atol=BY_COST)
+    np.testing.assert_allclose(states[:, 2], heading, atol=BY_COST)
+    along = states[:, :2] @ direction
+    assert along[-1] == pytest.approx(2.0, abs=0.02)
+    assert along.max() < 2.02
+    assert states[-1, 3] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_it_sets_off_as_fast_as_jerk_and_acceleration_allow(solver):
+    """Until it has to brake, the fastest profile is the best: it costs least at every stage."""
+    solution = solve(solver, problem_of([(-9.0, 0.0, 0.0, 0.0)], [(9.0, 0.0, 0.0, 0.0)]))
+    acceleration = np.minimum(0.7 * np.arange(1, 16), 3.0)
+    speeds = STEP_S * np.cumsum(acceleration)
+    assert speeds[-1] < 4.5
+    np.testing.assert_allclose(solution.inputs[0, :15, 1], acceleration, atol=BY_COST)
+    np.testing.assert_allclose(solution.states[0, 1:16, 3], speeds, atol=BY_COST)
+    assert solution.states[0, :, 3].max() == pytest.approx(4.5, abs=BY_COST)
+
+
+def test_two_robots_head_on_pass_on_the_same_own_side_and_on_the_other_one_from_the_mirrored_start(solver):
+    problem = problem_of(
+        [(-4.0, 0.0, 0.0, 0.0), (4.0, 0.0, math.pi, 0.0)], [(4.0, 0.0, 0.0, 0.0), (-4.0, 0.0, math.pi, 0.0)]
+    )
+    leaning, mirrored = (solve(solver, problem, start) for start in cold_starts(problem)[:2])
+    assert leaning.solved
+    assert mirrored.solved
+    gaps = np.linalg.norm(leaning.states[0, :, :2] - leaning.states[1, :, :2], axis=1)
+    assert gaps.min() == pytest.approx(SAFETY_M, abs=TOLERANCE_M)
+    one, other = leaning.states[:, gaps.argmin(), 1]
+    assert one * other < -0.25
+    assert leaning.states[0, -1, 0] > leaning.states[1, -1, 0]
+    np.testing.assert_allclose(mirrored.states[:, :, 1], -leaning.states[:, :, 1], atol=BY_COST)
+    assert mirrored.objective == pytest.approx(leaning.objective, rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("robots", [1, 3, 6])
+def test_solutions_obey_the_model_and_every_limit(name, solver, robots, seed):
+    problem = crossing(robots, seed, previous=[(0.1, -0.5)] * robots, area_m=4.5)
+    solution = solve(solver, problem)
+    assert solution.solved
+    for robot in range(robots):
+        driven = euler(problem.states[robot], solution.inputs[robot])
+        np.testing.assert_allclose(solution.states[robot], driven, atol=1e-9)
+        changes = np.diff(np.vstack([problem.previous_inputs[robot], solution.inputs[robot]]), axis=0)
+        assert (np.abs(changes) <= np.array([0.05, 0.7]) + 1e-9).all()
+    assert (np.abs(solution.inputs) <= [1.57, 3.0]).all()
+    assert np.abs(solution.states[:, :, 3]).max() <= 4.5 + TOLERANCE_M
+    assert np.abs(solution.states[:, :, :2]).max() <= 4.5 + TOLERANCE_M
+    for one, other in combinations(range(robots), 2):
+        gap = solution.states[one, 2:, :2] - solution.states[other, 2:, :2]
+        assert np.linalg.norm(gap, axis=1).min() >= SAFETY_M - ON_THE_WAY_M[name]
+
+
+def moving_obstacles() -> np.ndarray:
+    """One crosses the way at 1.2 m/s, the other stands beside it; shape (2, 31, 2)."""
+    crossing_it = np.column_stack([np.zeros(31), -2.0 + 0.12 * np.arange(31)])
+    return np.array([crossing_it, np.tile([2.0, 1.0], (31, 1))])
+
+
+def test_obstacles_are_avoided_where_they_will_be(solver):
+    problem = problem_of([(-4.0, 0.0, 0.0, 2.0)], [(4.0, 0.0, 0.0, 0.0)], obstacles=moving_obstacles())
+    alone = problem_of([(-4.0, 0.0, 0.0, 2.0)], [(4.0, 0.0, 0.0, 0.0)])
+    gaps, free = (
+        np.linalg.norm(solve(solver, each).states[0, :, :2] - moving_obstacles(), axis=2).min(axis=1)
+        for each in (problem, alone)
+    )
+    assert (free < SAFETY_M - 0.2).all(), "without them in mind, the robot would meet both"
+    assert (gaps >= SAFETY_M - TOLERANCE_M).all()
+
+
+def test_objective_and_violation_agree_with_plain_sums(solver):
+    problem = problem_of(
+        [(-1.0, 0.0, 0.1, 1.0), (1.0, 0.2, 3.0, 1.5)],
+        [(3.0, 0.0, 0.0, 0.0), (-3.0, 0.0, 3.1, 0.0)],
+        obstacles=moving_obstacles(),
+    )
+    solution = solve(solver, problem)
+    cost = 0.0
+    for states, goal in zip(solution.states.tolist(), problem.goals.tolist(), strict=True):
+        for state in states:
+            cost += sum(q * (x - wanted) ** 2 for q, x, wanted in zip(WEIGHTS, state, goal, strict=True))
+    assert solution.objective == pytest.approx(cost)
+    shortfall = 0.0
+    for k in range(2, 31):
+        one, other = (states[k][:2] for states in solution.states.tolist())
+        gaps = [math.dist(one, other)]
+        gaps += [math.dist(each, obstacle[k]) for each in (one, other) for obstacle in moving_obstacles()]
+        shortfall = max(shortfall, SAFETY_M - min(gaps))
+    assert shortfall > 0.01, "the case is meant to be one in which distances cannot be kept"
+    assert solution.violation_m == pytest.approx(shortfall)
+
+
+def test_a_plan_among_the_jointly_predicted_paths_is_the_prediction(solver):
+    """What is best for all together is best for each, given what the others do (eq. 1 after eq. 7)."""
+    joint = crossing(3, seed=2)
+    together = solve(solver, joint)
+    for ego in range(3):
+        others = [robot for robot in range(3) if robot != ego]
+        alone = problem_of(
+            joint.states[[ego]], joint.goals[[ego]], obstacles=together.states[others][:, :, :2]
+        )
+        plan = solve(solver, alone, together.start(slice(ego, ego + 1)))
+        assert plan.solved
+        np.testing.assert_allclose(plan.states[0], together.states[ego], atol=0.01)
+
+
+def test_the_same_problem_has_the_same_solution_bit_for_bit(name, solver):
+    problem, other = crossing(3, seed=5), crossing(3, seed=6)
+    first = solve(solver, problem)
+    again = solve(solver, problem)
+    different = solve(solver, other)
+    after_another = solve(solver, problem)
+    anew = solve(joint_solver(name, ITERATIONS, NEVER), problem)
+    assert not np.array_equal(first.inputs, different.inputs)
+    for solution in (again, after_another, anew):
+        np.testing.assert_array_equal(solution.inputs, first.inputs)
+        np.testing.assert_array_equal(solution.forces, first.forces)
+        assert (solution.objective, solution.iterations) == (first.objective, first.iterations)

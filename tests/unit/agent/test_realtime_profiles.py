@@ -1,0 +1,73 @@
+"""Headings and speeds as variables: round trips, and how positions depend on them."""
+
+import numpy as np
+from agent_helpers import STEP_S
+from hypothesis import given
+from hypothesis import strategies as st
+from realtime_helpers import dense, driven, position_jacobian, slots, stages, wild_states
+
+from agent.solve.realtime.profiles import arms_of, displacements, inputs_of, moved, pull_back, states_of
+from agent.solve.vehicle import rollout
+
+seeds = st.integers(0, 2**32 - 1)
+sizes = st.integers(1, 30)
+
+
+@given(seeds, st.integers(1, 4), sizes)
+def test_states_are_the_rollout_and_inputs_lead_back_to_them(seed, robots, steps):
+    random = np.random.default_rng(seed)
+    start, inputs = random.normal(size=(robots, 4)), random.normal(size=(robots, steps, 2))
+    states = states_of(start, inputs, STEP_S)
+    np.testing.assert_allclose(states, rollout(start, inputs, STEP_S), atol=1e-12)
+    np.testing.assert_allclose(inputs_of(states, STEP_S), inputs, atol=1e-11)
+
+
+@given(seeds, sizes, st.floats(0.0, 1.0))
+def test_a_change_moves_headings_and_speeds_and_positions_follow(seed, steps, share):
+    random = np.random.default_rng(seed)
+    states, change = wild_states(random, 2, steps), random.normal(size=(2, 2 * steps))
+    there = moved(states, change, share, STEP_S)
+    np.testing.assert_allclose(there[:, 1:, 2:], states[:, 1:, 2:] + share * stages(change), atol=1e-12)
+    np.testing.assert_array_equal(there[:, 0], states[:, 0])
+    for robot in range(2):
+        expected = driven(states[robot], share * change[robot], STEP_S)
+        np.testing.assert_allclose(there[robot], expected, atol=1e-11)
+
+
+@given(seeds, sizes)
+def test_displacements_are_the_derivative_of_the_rollout(seed, steps):
+    """By a complex step, which has no rounding error to speak of."""
+    random = np.random.default_rng(seed)
+    states, change = wild_states(random, 1, steps), random.normal(size=2 * steps)
+    derivative = driven(states[0], 1e-30j * change, STEP_S).imag[:, :2] / 1e-30
+    found = np.full((steps + 1, 2), np.nan)
+    displacements(arms_of(states, STEP_S)[0], change, found)
+    np.testing.assert_allclose(found, derivative, atol=1e-12 * max(1.0, np.abs(derivative).max()))
+
+
+@given(seeds, sizes)
+def test_pulling_back_is_the_transpose_of_displacing_and_adds(seed, steps):
+    random = np.random.default_rng(seed)
+    arms, change = arms_of(wild_states(random, 1, steps), STEP_S)[0], random.normal(size=2 * steps)
+    forces, before = random.normal(size=(steps + 1, 2)), random.normal(size=2 * steps)
+    shifts, pulled = np.empty((steps + 1, 2)), before.copy()
+    displacements(arms, change, shifts)
+    pull_back(arms, forces, pulled)
+    np.testing.assert_allclose((pulled - before) @ change, (forces * shifts).sum(), atol=1e-10)
+
+
+def test_the_oracles_matrix_and_order_of_variables_are_those_of_the_kernels():
+    """What other tests compare with is itself compared, once."""
+    random = np.random.default_rng(4)
+    states = wild_states(random, 1, 6)
+    arms = arms_of(states, STEP_S)[0]
+
+    def displaced(change: np.ndarray) -> np.ndarray:
+        result = np.empty((7, 2))
+        displacements(arms, change, result)
+        return result.ravel()
+
+    np.testing.assert_allclose(position_jacobian(arms).reshape(14, 12), dense(12, displaced), atol=1e-15)
+    values = random.normal(size=(3, 6, 2))
+    np.testing.assert_array_equal(stages(slots(values)), values)
+    np.testing.assert_array_equal(slots(values)[:, :2], values[:, -1])

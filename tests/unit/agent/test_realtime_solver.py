@@ -1,0 +1,204 @@
+"""The real-time solver as a whole: against the reference, within its bounds, and whatever it is given."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from agent_helpers import NEVER, SOLVERS, cold, problem_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from realtime_helpers import closed_loop, random_crossing
+
+from agent.solve.deadline import Deadline
+from agent.solve.problem import JointProblem, Solution, Start
+from agent.solve.realtime.profiles import inputs_of, states_of
+from agent.solve.realtime.sequential import improve
+from agent.solve.realtime.solver import COLD_ITERATIONS, RealTimeSolver
+from agent.solve.starts import clip_stages
+from protocol.vehicle import Limits
+
+PASSING = np.column_stack([np.zeros(31), -2.0 + 0.12 * np.arange(31)])
+"""Positions of an obstacle."""
+
+
+def crossing(robots: int = 4, seed: int = 2) -> JointProblem:
+    """With an obstacle that passes through the middle."""
+    problem = random_crossing(robots, seed)
+    return replace(
+        problem, obstacles=PASSING[None].copy(), safety_distances=np.full((robots, robots + 1), 1.39)
+    )
+
+
+def solve(problem: JointProblem, start: Start | None = None, iterations: int = 2) -> Solution:
+    return RealTimeSolver(iterations, NEVER).solve(problem, start or cold(problem))
+
+
+def assert_same(one: Solution, other: Solution) -> None:
+    for field in fields(Solution):
+        np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
+
+
+def assert_within_limits(problem: JointProblem, inputs: np.ndarray) -> None:
+    assert np.isfinite(inputs).all()
+    assert (np.abs(inputs) <= problem.input_bounds[:, None]).all()
+    held = np.clip(problem.previous_inputs, -problem.input_bounds, problem.input_bounds)
+    changes = np.diff(np.concatenate([held[:, None], inputs], axis=1), axis=1)
+    assert (np.abs(changes) <= problem.rate_bounds[:, None] + 1e-15).all()
+
+
+def test_recorded_problems_are_solved_as_by_the_reference():
+    """In the same local optimum, which both of them find from the same trajectories."""
+    count, pushed = 0, 0
+    for robots, seed in ((2, 0), (3, 1), (4, 2), (5, 3), (6, 4)):
+        for each in list(closed_loop(random_crossing(robots, seed), 25))[3::5]:
+            start = replace(each.starts[0], warm=False)
+            found, expected = (solver.solve(each.problem, start) for solver in SOLVERS.values())
+            assert found.solved
+            assert expected.solved
+            assert found.objective == pytest.approx(expected.objective, rel=2e-5)
+            assert found.violation_m < 1e-5
+            np.testing.assert_allclose(found.inputs[:, 0], expected.inputs[:, 0], atol=0.02)
+            np.testing.assert_allclose(found.states[:, :, :2], expected.states[:, :, :2], atol=0.1)
+            count, pushed = count + 1, pushed + bool(found.forces.any())
+    assert count >= 20
+    assert pushed >= 8, "distances are meant to matter"
+
+
+@pytest.mark.parametrize(("robots", "seed"), [(4, 2), pytest.param(6, 4, marks=pytest.mark.slow)])
+def test_a_closed_loop_costs_what_it_costs_with_the_reference(robots, seed):
+    """Two iterations a step against as many as it takes."""
+    problem, costs, ways, pushed = random_crossing(robots, seed), [], [], False
+    for solver in SOLVERS.values():
+        steps = list(closed_loop(problem, 40, solver))
+        ways.append(np.array([step.problem.states for step in steps]))
+        costs.append(float((problem.weights * (ways[-1] - problem.goals) ** 2).sum()))
+        assert max(step.solution.violation_m for step in steps) < 1e-3
+        pushed |= any(step.solution.forces.any() for step in steps)
+    assert pushed
+    assert np.abs(ways[0] - ways[1])[..., :2].max() < 0.1, "meant to be in the same local minimum"
+    assert costs[0] == pytest.approx(costs[1], rel=1e-3)
+
+
+def test_after_the_deadline_no_iteration_begins_but_the_first_one_always_does():
+    times = iter(range(100))
+    deadline = Deadline(lambda: float(next(times)), 2.5)
+    solver, problem = RealTimeSolver(2, deadline), crossing()
+    deadline.begin()
+    in_time = solver.solve(problem, cold(problem))
+    late = solver.solve(problem, cold(problem))
+    assert (in_time.iterations, late.iterations) == (3, 1)
+    assert in_time.solved
+    assert late.solved
+    assert solve(problem).iterations > 3
+
+
+@pytest.mark.parametrize("most", [1, 2, 5])
+def test_from_a_warm_start_it_makes_no_more_iterations_than_it_is_told(most):
+    problem = crossing()
+    start = replace(cold(problem), warm=True)
+    assert solve(problem, start, iterations=most).iterations == most
+    assert most < solve(problem).iterations <= COLD_ITERATIONS
+
+
+def test_it_stops_early_where_little_is_left_to_gain():
+    problem = crossing()
+    converged = solve(problem)
+    again = solve(problem, converged.start(), iterations=20)
+    assert again.iterations <= 2
+    assert again.objective == pytest.approx(converged.objective, rel=1e-4)
+
+
+FIELDS = ["states", "previous_inputs", "goals", "obstacles", "safety_distances", "area", "weights"]
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [*((field, np.nan) for field in FIELDS), ("goals", np.inf), ("area", -np.inf)]
+)
+def test_a_problem_with_a_value_that_is_no_number_is_not_solved(field, value):
+    problem = crossing()
+    spoiled = getattr(problem, field).copy()
+    spoiled[(-1,) * spoiled.ndim] = value
+    spoiled = replace(problem, **{field: spoiled})
+    for warm in (False, True):
+        solution = solve(spoiled, replace(cold(problem), warm=warm))
+        assert not solution.solved
+        if field != "previous_inputs":  # from which nothing would be within reach
+            assert_within_limits(spoiled, solution.inputs)
+
+
+@pytest.mark.parametrize("part", ["inputs", "forces"])
+def test_a_start_with_a_value_that_is_no_number_leads_to_no_solution(part):
+    problem = crossing()
+    start = replace(cold(problem), warm=True)
+    spoiled = getattr(start, part).copy()
+    spoiled[1, 5, 0] = np.nan
+    assert not solve(problem, replace(start, **{part: spoiled})).solved
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(1, 3), st.booleans())
+def test_limits_are_kept_exactly_after_any_number_of_iterations(seed, robots, iterations, warm):
+    """A command beyond them by a rounding error would be clipped by the world, and counted."""
+    random = np.random.default_rng(seed)
+    allowed = Limits(speed_mps=2.0, turn_rate_radps=0.7, jerk_mps3=20.0)
+    states = random.normal(size=(robots, 4)) * [3.0, 3.0, 2.0, 1.0]
+    problem = problem_of(
+        states,
+        random.normal(size=(robots, 4)) * [4.0, 4.0, 2.0, 0.0],
+        previous=random.normal(size=(robots, 2)).tolist(),
+        limits=allowed,
+        steps=int(random.integers(1, 20)),
+    )
+    wild = random.normal(scale=3.0, size=(robots, problem.steps, 2))
+    solution = solve(problem, replace(cold(problem), inputs=wild, warm=warm), iterations)
+    assert_within_limits(problem, solution.inputs)
+    np.testing.assert_array_equal(solution.states, problem.rollout(solution.inputs))
+
+
+def test_the_same_problem_has_the_same_solution_bit_for_bit_also_after_others():
+    solver = RealTimeSolver(2, NEVER)
+    first = solver.solve(crossing(), cold(crossing()))
+    random = np.random.default_rng(0)
+    for robots in (2, 5, 3):
+        solver.solve(crossing(robots, 7), cold(crossing(robots, 7)))
+        rubbish = [random.normal(scale=1e6, size=count) for count in (60, 120, 480, 600, 9000, 20000)]
+        del rubbish  # memory that is not set shows what was there
+    assert_same(solver.solve(crossing(), cold(crossing())), first)
+
+
+def compiled() -> list[list[object]]:
+    """What the kernels that the solver calls were compiled for."""
+    return [list(kernel.signatures) for kernel in (improve, states_of, inputs_of, clip_stages)]
+
+
+def test_the_layout_of_arrays_in_memory_changes_nothing_and_compiles_nothing():
+    def strided(values: np.ndarray) -> np.ndarray:
+        room = np.full([2 * length for length in values.shape], np.nan)
+        view = room[(slice(None, None, 2),) * values.ndim]
+        view[...] = values
+        return view
+
+    problem = crossing()
+    expected, before = solve(problem), compiled()
+    for layout in (np.asfortranarray, strided):
+        other = replace(problem, **{field: layout(getattr(problem, field)) for field in FIELDS})
+        start = cold(problem)
+        parts = {part: layout(getattr(start, part)) for part in ("inputs", "forces", "pressures")}
+        start = replace(start, **parts)
+        assert_same(solve(other, start), expected)
+    assert compiled() == before
+
+
+def test_other_numbers_of_robots_obstacles_and_steps_compile_nothing():
+    solve(crossing())
+    before = compiled()
+    for robots, obstacles, steps in ((1, 0, 30), (2, 3, 1), (7, 1, 2), (3, 0, 45)):
+        problem = random_crossing(robots, 1)
+        problem = replace(
+            problem,
+            obstacles=np.tile(PASSING[:1], (obstacles, steps + 1, 1)),
+            safety_distances=np.full((robots, robots + obstacles), 1.39),
+            steps=steps,
+        )
+        assert solve(problem).solved
+    assert compiled() == before

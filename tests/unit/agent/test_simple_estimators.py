@@ -1,0 +1,127 @@
+"""Exchanged goals and the constant-acceleration model."""
+
+import math
+
+import numpy as np
+import pytest
+from agent_helpers import STEP_S, euler, remembered, scene_of, square
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agent.estimate import ESTIMATORS
+from agent.estimate.constant_acceleration import ConstantAcceleration
+from agent.estimate.exchanged import Exchanged
+from protocol.scene import Goal, PublicRobot, Scene
+from protocol.vehicle import Limits
+
+STANDING = (1.0, -2.0, 0.4, 0.0)
+LARGE = square(1000.0)
+
+
+def ramp(speed: float, acceleration: float, steps: int = 30) -> float:
+    """The way in m that jerk 7 m/s³ makes of a forward speed: up to 3 m/s², then up to 4.5 m/s."""
+    accelerations = np.minimum(acceleration + 0.7 * np.arange(1, steps), 3.0)
+    speeds = np.minimum(speed + STEP_S * np.cumsum(accelerations), 4.5)
+    return STEP_S * (speed + speeds.sum())
+
+
+def after(speed: float, acceleration: float, heading: float = 0.0) -> np.ndarray:
+    """Two states of a robot now at the origin, the input between them being this acceleration."""
+    before = speed - STEP_S * acceleration
+    way = STEP_S * before
+    return np.array(
+        [
+            [-way * math.cos(heading), -way * math.sin(heading), heading, before],
+            [0.0, 0.0, heading, speed],
+        ]
+    )
+
+
+def estimate(track: np.ndarray, **scene) -> np.ndarray:
+    return ConstantAcceleration(scene_of("a", **scene)).estimate(remembered({"a": track}))["a"]
+
+
+def test_exchanged_goals_are_those_of_the_scene_on_the_turn_nearest_to_the_robot():
+    goal = Goal(x_m=4.0, y_m=-4.0, heading_rad=-2.5)
+    scene = scene_of("ab", goals={"a": goal, "b": goal})
+    turning = np.array([(0.0, 0.0, heading, 0.0) for heading in np.linspace(0.0, 9.0, 10)])
+    estimates = Exchanged(scene).estimate(remembered({"a": np.array([STANDING]), "b": turning}))
+    assert estimates["a"].tolist() == [4.0, -4.0, -2.5, 0.0]
+    assert estimates["b"].tolist() == pytest.approx([4.0, -4.0, -2.5 + 2 * math.tau, 0.0])
+
+
+def test_a_robot_whose_goal_nobody_told_is_taken_to_stay():
+    scene = scene_of("a", goals={"a": Goal(x_m=4.0, y_m=0.0, heading_rad=0.0)})
+    estimates = Exchanged(scene).estimate(remembered({"stranger": np.array([(1.0, -2.0, 0.4, 3.0)])}))
+    assert estimates["stranger"].tolist() == [1.0, -2.0, 0.4, 0.0]
+
+
+def test_exchanged_goals_need_a_scene_with_goals_and_say_how_to_get_one():
+    with pytest.raises(ValueError, match="--exchange-goals"):
+        Exchanged(scene_of("a"))
+
+
+def test_only_exchanged_goals_are_shared():
+    scene = scene_of("a", goals={})
+    shared = {name for name, estimator in ESTIMATORS.items() if estimator(scene).goals_are_shared}
+    assert shared == {"exchanged"}
+
+
+def test_a_standing_robot_is_expected_to_speed_up_straight_ahead():
+    goal = estimate(np.array([STANDING]))
+    way = ramp(0.0, 0.0)
+    assert goal == pytest.approx([1.0 + way * math.cos(0.4), -2.0 + way * math.sin(0.4), 0.4, 0.0])
+
+
+@given(st.floats(0.0, 4.5), st.floats(-1.0, 1.0), st.floats(-3.0, 3.0))
+def test_a_moving_robot_is_expected_to_speed_up_from_its_present_acceleration(speed, share, heading):
+    """Accelerations are those from which the jerk limit still keeps the speed limit."""
+    acceleration = share * min(3.0, math.sqrt(2 * 7.0 * (4.5 - speed)))
+    goal = estimate(after(speed, acceleration, heading), area=LARGE)
+    way = ramp(speed, acceleration)
+    assert goal == pytest.approx([way * math.cos(heading), way * math.sin(heading), heading, 0.0], abs=1e-6)
+
+
+def test_a_reversing_robot_is_expected_to_reverse_faster():
+    forward, backward = (estimate(after(sign * 1.0, sign * 0.5), area=LARGE) for sign in (1, -1))
+    assert forward[0] == pytest.approx(ramp(1.0, 0.5))
+    assert backward == pytest.approx([-forward[0], 0.0, 0.0, 0.0])
+
+
+@given(st.floats(-6.0, 6.0), st.floats(-4.0, 4.0), st.integers(2, 40))
+def test_speeding_up_takes_the_most_that_jerk_acceleration_and_speed_limit_leave(speed, acceleration, steps):
+    """Step by step through the model, also from beyond the limits."""
+    horizons = {"prediction_steps": steps, "estimation_steps": 3}
+    goal = estimate(after(speed, acceleration), area=LARGE, horizons=horizons)
+    direction = -1.0 if speed < 0.0 else 1.0
+    inputs, ahead, forward = [], direction * speed, direction * acceleration
+    for _ in range(steps):
+        forward = min(forward + 0.7, 3.0, (4.5 - ahead) / STEP_S)
+        ahead += STEP_S * forward
+        inputs.append((0.0, direction * forward))
+    assert goal[0] == pytest.approx(euler((0.0, 0.0, 0.0, speed), inputs)[-1, 0], abs=1e-9)
+
+
+def test_a_turning_robot_is_expected_to_go_straight_on():
+    turning = np.array([(0.0, 0.0, 0.0, 1.0), (0.1, 0.0, 0.2, 1.0)])
+    goal = estimate(turning, area=LARGE)
+    direction = math.atan2(goal[1], goal[0] - 0.1)
+    assert (direction, goal[2]) == pytest.approx((0.2, 0.2))
+
+
+def test_the_horizon_and_the_limits_are_those_of_the_scene():
+    slow = Limits(speed_mps=0.5, acceleration_mps2=1.0, jerk_mps3=10.0)
+    scene = Scene(
+        robots={"a": PublicRobot(limits=slow)},
+        horizons={"prediction_steps": 12, "estimation_steps": 3},
+    )
+    goal = ConstantAcceleration(scene).estimate(remembered({"a": np.array([(0.0, 0.0, 0.0, 0.0)])}))["a"]
+    # Speeds 0, 0.1, … 0.5 and then 0.5 for the rest of the twelve steps.
+    assert goal[0] == pytest.approx(STEP_S * (0.1 + 0.2 + 0.3 + 0.4 + 0.5 * 7))
+
+
+def test_the_estimate_is_moved_into_the_area():
+    corner = np.array([(8.0, -9.0, -math.pi / 4, 3.0)])
+    assert estimate(corner) == pytest.approx([10.0, -10.0, -math.pi / 4, 0.0])
+    beyond = np.array([(-12.0, 0.0, math.pi, 0.0)])
+    assert estimate(beyond)[:2] == pytest.approx([-10.0, 0.0], abs=1e-9)

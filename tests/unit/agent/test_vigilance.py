@@ -1,0 +1,91 @@
+"""When a robot stops for somebody whom it does not see, and what it then takes for granted."""
+
+import math
+
+import pytest
+from agent_helpers import STEP_S, euler, scene_of
+
+from agent.drive.vigilance import BLIND_STEPS, GONE_STEPS, Vigilance
+from agent.remember.memory import LONGEST_GAP, Memory
+
+Place = tuple[float, float, float, float]
+OWN: Place = (0.0, 0.0, 0.0, 1.0)
+NEAR: Place = (3.5, 0.0, math.pi, 1.0)
+"""Ahead, and it comes."""
+AWAY: Place = (2.2, 0.0, 0.0, 1.5)
+"""Ahead, and faster than who looks."""
+FAR: Place = (9.0, 0.0, math.pi, 1.0)
+BESIDE: Place = (0.0, 1.5, 0.0, 1.0)
+"""Within the safety distance and half a metre more, side by side."""
+LAST_SEEN = 4
+
+
+class Watch:
+    """Robot a, which stays where it is, and what it makes of robot b."""
+
+    def __init__(self) -> None:
+        self.memory = Memory(17, STEP_S)
+        self.vigilance = Vigilance(scene_of("ab"), "a")
+
+    def sees(self, step: int, other: Place | None) -> bool:
+        """Whether it is to stop."""
+        self.memory.remember(step, {"a": OWN} if other is None else {"a": OWN, "b": other})
+        self.vigilance.look(self.memory)
+        return self.vigilance.is_blind(self.memory)
+
+    def loses(self, other: Place, steps: int) -> list[bool]:
+        """After some steps, from each step without the other robot: whether it is to stop."""
+        assert not any(self.sees(step, where) for step, where in enumerate(coming_to(other)))
+        return [self.sees(LAST_SEEN + gone, None) for gone in range(1, steps + 1)]
+
+
+def coming_to(there: Place) -> list[Place]:
+    """The way of a robot that drives straight on and is there when it is last seen."""
+    x_m, y_m, heading, speed = there
+    way_m = LAST_SEEN * STEP_S * speed
+    begin = (x_m - way_m * math.cos(heading), y_m - way_m * math.sin(heading), heading, speed)
+    return [tuple(state) for state in euler(begin, [(0.0, 0.0)] * LAST_SEEN).tolist()]
+
+
+@pytest.mark.parametrize("other", [NEAR, BESIDE], ids=["near and approaching", "beside"])
+def test_it_stops_for_somebody_in_its_way_whom_it_has_not_seen_for_too_long(other):
+    stops = Watch().loses(other, BLIND_STEPS + 2)
+    assert stops == [False] * BLIND_STEPS + [True] * 2
+
+
+@pytest.mark.parametrize("other", [AWAY, FAR], ids=["receding", "far"])
+def test_it_does_not_stop_for_somebody_who_recedes_or_is_far(other):
+    assert not any(Watch().loses(other, BLIND_STEPS + 2))
+
+
+def test_it_drives_on_when_it_sees_the_other_again():
+    watch = Watch()
+    assert watch.loses(NEAR, BLIND_STEPS + 1)[-1]
+    assert not watch.sees(LAST_SEEN + BLIND_STEPS + 2, (2.8, 0.0, math.pi, 1.0))
+
+
+def test_it_drives_on_when_the_other_has_been_gone_for_long():
+    """The robot stops long after its memory has dropped the other one, but not for ever."""
+    stops = Watch().loses(BESIDE, GONE_STEPS + 2)
+    assert stops[LONGEST_GAP + 1]
+    first = stops.index(True) + 1
+    assert first == BLIND_STEPS + 1
+    assert [step for step, stop in enumerate(stops, 1) if stop] == list(range(first, GONE_STEPS + 1))
+
+
+def test_it_never_stops_for_somebody_whom_it_has_never_seen():
+    watch = Watch()
+    assert not any(watch.sees(step, None) for step in range(GONE_STEPS))
+
+
+def test_a_late_view_that_says_so_is_seen():
+    memory, vigilance = Memory(17, STEP_S, owner="a"), Vigilance(scene_of("ab"), "a")
+    late = BLIND_STEPS + 2
+    for step in range(3 * late):
+        memory.remember(step, {"a": OWN, "b": (*BESIDE[:3], 0.0)}, age_steps=min(step, late))
+        vigilance.look(memory, min(step, late))
+        assert not vigilance.is_blind(memory)
+    for gone in range(1, BLIND_STEPS + 2):
+        memory.remember(3 * late + gone - 1, {"a": OWN}, age_steps=late)
+        vigilance.look(memory, late)
+        assert vigilance.is_blind(memory) == (gone > BLIND_STEPS)

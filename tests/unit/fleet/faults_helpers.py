@@ -1,0 +1,117 @@
+"""Faults from what a person would write, links that carry a made-up drive, and short runs with faults."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+from fleet.inject.link import Link
+from fleet.inject.schedule import schedule
+from fleet.run.experiment import RunFacts
+from fleet.run.moment import Moment
+from fleet.run.virtual import closed_loop
+from protocol.codec import MessageError, decode, encode
+from protocol.faults import FaultFile
+from protocol.messages import Command, Observation, State, Truth
+from protocol.scenario import Scenario
+from protocol.scene import PublicRobot, Scene
+
+EPOCH = 5
+STEP_S = 0.1
+SCENE = Scene(step_s=STEP_S, robots={"1": PublicRobot(), "2": PublicRobot()})
+MEETING = [
+    {"id": 1, "start": {"x_m": -4.0, "y_m": 0.0}, "goal": {"x_m": 4.0, "y_m": 0.0}},
+    {"id": 2, "start": {"x_m": 1.0, "y_m": -4.0}, "goal": {"x_m": 1.0, "y_m": 4.0}},
+]
+"""They cross each other's way, and both have arrived after less than 6 s."""
+
+
+def fault(kind: str, **fields: Any) -> dict[str, Any]:
+    return {"kind": kind, **fields}
+
+
+def link(*faults: Mapping[str, Any], robot: str = "1", seed: int = 0) -> Link:
+    parsed = FaultFile.model_validate({"faults": list(faults)}).faults if faults else ()
+    return Link(schedule(parsed, seed=seed, step_s=STEP_S), robot, SCENE)
+
+
+def observation(step: int, **changes: Any) -> Observation:
+    """Robot 1 drives along x, robot 2 comes along a parallel line."""
+    way_m = 0.1 * step
+    robots = {"1": State.of(way_m, 0.0, 0.0, 1.0), "2": State.of(5.0 - way_m, 2.0, 3.0, 1.0)}
+    plain = {"epoch": EPOCH, "step": step, "time_s": round(step * STEP_S, 9), "robots": robots}
+    return Observation(**(plain | changes))
+
+
+def command(step: int, **changes: Any) -> Command:
+    plain = {"epoch": EPOCH, "robot": "1", "step": step, "then": (0.5, -2.0)}
+    return Command(**(plain | {"turn_rate_radps": 1.0, "acceleration_mps2": 2.0} | changes))
+
+
+class Arrived(NamedTuple):
+    """What reached a robot at a step."""
+
+    messages: tuple[Observation | MessageError, ...]
+    answerable: bool
+
+    @property
+    def steps(self) -> list[int]:
+        return [each.step for each in self.messages if isinstance(each, Observation)]
+
+    @property
+    def only(self) -> Observation:
+        [message] = self.messages
+        assert isinstance(message, Observation)
+        return message
+
+
+def shown(over: Link, steps: int) -> list[Arrived]:
+    return [arrived(over, observation(step)) for step in range(steps)]
+
+
+def arrived(over: Link, seen: Observation) -> Arrived:
+    delivery = over.observed(seen)
+    return Arrived(tuple(map(_read, delivery.payloads)), delivery.answerable)
+
+
+def _read(payload: bytes) -> Observation | MessageError:
+    try:
+        return decode(Observation, payload)
+    except MessageError as error:
+        return error
+
+
+def given(over: Link, sent: Command) -> list[Command]:
+    return [decode(Command, payload) for payload in over.commanded(encode(sent))]
+
+
+def due(over: Link, step: int) -> list[Command]:
+    return [decode(Command, payload) for payload in over.due(step)]
+
+
+def scenario(*faults: Mapping[str, Any], **rules: Any) -> Scenario:
+    plain = {"name": "meeting", "time_limit_s": 10.0, "robots": MEETING}
+    return Scenario.model_validate({**plain, "faults": list(faults), **rules})
+
+
+def facts(seed: int = 0, **changes: Any) -> RunFacts:
+    plain = {"scenario": "meeting", "goals": "joint-fit", "solver": "realtime", "clock": "virtual"}
+    return RunFacts(**(plain | {"seed": seed, "run": "test", "version": "0"} | changes))
+
+
+def moments(
+    *faults: Mapping[str, Any], seed: int = 0, goals: str = "joint-fit", **rules: Any
+) -> list[Moment]:
+    """A whole run."""
+    return list(run(scenario(*faults, **rules), facts(seed, goals=goals)))
+
+
+def run(driven: Scenario, of: RunFacts) -> Iterator[Moment]:
+    return closed_loop(driven, of, clock=lambda: 0.0)
+
+
+def truths(driven: list[Moment]) -> list[Truth]:
+    return [moment.truth for moment in driven]
+
+
+def place(truth: Truth, robot: str) -> tuple[float, float]:
+    state = truth.robots[robot].state
+    return state.x_m, state.y_m

@@ -1,0 +1,223 @@
+"""``unspoken bench`` as a person and as a script see it."""
+
+import json
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import Result
+from pydantic import ValidationError
+from typer.testing import CliRunner
+
+from fleet.bench import bus
+from fleet.bench.figures import SECTIONS, Figures, Section
+from fleet.bench.report import Report
+from fleet.bench.settings import SectionName, Settings
+from fleet.bench.stars import Protection
+from fleet.bench.startup import StartupRow, table
+from fleet.bench.targets import judge
+from fleet.bench.watch import Watch
+from fleet.cli import app
+from fleet.run.crew import ProcessFailedError
+from world.inbox import Inbox
+
+LITTLE = ("--robots", 2, "--crossings", 2, "--steps", 4, "--decisions", 4, "--rounds", 5, "--starts", 1)
+ROW = StartupRow(together=1, starts=1, ready_s=2.0, cpu_s=1.0, resident_mib=100.0)
+
+
+def unspoken_bench(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["bench", *map(str, arguments)])
+
+
+def cells(output: str, *beginning: str) -> list[str]:
+    """Of the one line of the tables that begins with these cells, the others."""
+    (line,) = [line for line in output.splitlines() if line.split()[: len(beginning)] == list(beginning)]
+    return line.split()[len(beginning) :]
+
+
+def close(cell: str, value: float) -> bool:
+    """Whether a number of a table is that of the report, which has all digits."""
+    return float(cell) == pytest.approx(value, rel=0.006)
+
+
+def only(monkeypatch: pytest.MonkeyPatch, measure) -> None:
+    """Let the section ``startup`` measure something else."""
+    monkeypatch.setitem(SECTIONS, SectionName.STARTUP, Section(measure, table))
+
+
+def test_the_report_has_a_place_for_every_section_and_a_section_for_every_name():
+    assert tuple(SECTIONS) == tuple(SectionName) == tuple(Figures.model_fields)
+
+
+def test_the_json_is_a_valid_report_and_the_tables_show_its_numbers():
+    result = unspoken_bench("--only", "prediction", "--only", "decision", *LITTLE, "--json", "-")
+    assert result.exit_code == 0, result.output
+    report = Report.model_validate_json(result.stdout)
+    assert report.complete
+    assert report.settings.sections == (SectionName.PREDICTION, SectionName.DECISION)
+    crossings, ring = report.figures.prediction
+    assert (crossings.scenario, crossings.loops, crossings.first.count, crossings.later.count) == (
+        "random",
+        2,
+        2,
+        6,
+    )
+    assert (ring.scenario, ring.loops, ring.first.count, ring.later.count) == ("circle", 1, 1, 3)
+    for row in (crossings, ring):
+        loops, median, p99, most, wall, first, unsolved, *_ = cells(result.stderr, row.scenario, "2")
+        assert (int(loops), int(unsolved)) == (row.loops, row.unsolved)
+        assert close(median, row.later.cpu.median_ms)
+        assert close(p99, row.later.cpu.p99_ms)
+        assert close(most, row.later.cpu.max_ms)
+        assert close(wall, row.later.wall.p99_ms)
+        assert close(first, row.first.cpu.max_ms)
+    (decided,) = report.figures.decision
+    count, median, p99, *_ = cells(result.stderr, "2-crossing", "2")
+    assert int(count) == 6
+    assert (decided.first.count, decided.later.count) == (2, 4)
+    assert close(median, decided.later.cpu.median_ms)
+    assert close(p99, decided.later.cpu.p99_ms)
+
+
+def test_a_part_of_a_decision_takes_no_longer_than_the_whole():
+    result = unspoken_bench("--only", "decision", *LITTLE, "--json", "-")
+    (row,) = Report.model_validate_json(result.stdout).figures.decision
+    assert set(row.phases_cpu) == {"estimate", "predict", "plan"}
+    assert sum(phase.max_ms for phase in row.phases_cpu.values()) > 0.0
+    assert all(phase.max_ms <= row.later.cpu.max_ms for phase in row.phases_cpu.values())
+
+
+def test_the_reference_solver_confirms_the_objectives_and_the_closed_loop():
+    result = unspoken_bench("--only", "comparison", *LITTLE, "--steps", 10, "--json", "-")
+    (row,) = Report.model_validate_json(result.stdout).figures.comparison
+    assert row.same_minimum
+    assert abs(row.objective_difference_percent) < 0.1
+    assert abs(row.cost_difference_percent) < 0.1
+    ours, theirs = row.realtime, row.reference
+    assert row.times_faster_median == pytest.approx(theirs.later.cpu.median_ms / ours.later.cpu.median_ms)
+    assert row.times_faster_p99 == pytest.approx(theirs.later.cpu.p99_ms / ours.later.cpu.p99_ms)
+    assert ours.later.count == theirs.later.count == 9
+    assert row.times_faster_median > 1.0
+    assert f"{ours.cost:.2f}" in result.stderr
+
+
+def test_without_reference_nothing_is_compared():
+    result = unspoken_bench("--only", "comparison", "--no-reference", *LITTLE, "--json", "-")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["figures"]["comparison"] == []
+
+
+@pytest.mark.slow
+def test_real_processes_are_measured(tmp_path: Path):
+    path = tmp_path / "report.json"
+    sections = ("--only", "bus", "--only", "runs", "--only", "startup")
+    result = unspoken_bench(*sections, *LITTLE, "--json", path)
+    assert result.exit_code == 0, result.output
+    figures = Report.model_validate_json(path.read_text()).figures
+    assert [row.protection for row in figures.bus] == list(Protection)
+    for exchange in figures.bus:
+        assert (exchange.robots, exchange.rounds) == (2, 5)
+        assert 0.0 < exchange.wall.median_ms <= exchange.wall.p99_ms <= exchange.wall.max_ms
+    lockstep, realtime = figures.runs
+    assert (lockstep.clock, lockstep.verdict, lockstep.deadline_misses) == ("lockstep", "arrived", 0)
+    assert realtime.clock == "realtime"
+    assert realtime.steps_per_s <= 10.5
+    assert realtime.deadline_misses_percent == pytest.approx(
+        100.0 * realtime.deadline_misses / (2 * realtime.steps)
+    )
+    alone, together = figures.startup
+    assert (alone.together, together.together) == (1, 2)
+    for row in (alone, together):
+        assert row.ready_s > 0.0
+        assert row.cpu_s > 0.0
+        assert row.resident_mib > 20.0  # a Python with numpy
+    assert lockstep.agent_resident_mib > 20.0
+
+
+def test_a_round_over_the_bus_ends_with_the_last_command_and_tells_whose_is_lost(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    monkeypatch.setattr(bus, "LOST_S", 0.0)
+    inbox = Inbox(["1", "2", "3"])
+    for robot in ("1", "3"):
+        inbox.store_command(robot, b"")
+    with pytest.raises(ProcessFailedError, match="no answer of robot 2 within"):
+        bus.gather({"1", "2", "3"}, inbox)
+    inbox.store_command("2", b"")
+    bus.gather({"2"}, inbox)
+
+
+@pytest.mark.slow
+def test_compiling_from_nothing_takes_longer_than_loading():
+    result = unspoken_bench("--only", "compiling", "--json", "-")
+    empty, full = Report.model_validate_json(result.stdout).figures.compiling
+    assert (empty.cache, full.cache) == ("empty", "full")
+    assert empty.cpu_s > 2.0 * full.cpu_s > 0.0
+
+
+def test_ctrl_c_ends_it_with_what_has_been_measured_and_says_that_it_is_incomplete(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def measure(_settings: Settings, watch: Watch) -> Iterator[StartupRow]:
+        yield ROW
+        signal.raise_signal(signal.SIGINT)
+        watch.tell("the next row")
+        raise AssertionError("it went on")
+
+    only(monkeypatch, measure)
+    path = tmp_path / "report.json"
+    result = unspoken_bench("--only", "startup", "--only", "compiling", "--json", path)
+    assert result.exit_code == 1
+    report = Report.model_validate_json(path.read_text())
+    assert not report.complete
+    assert report.figures.startup == (ROW,)
+    assert "INCOMPLETE" in result.stdout
+
+
+def test_a_failed_process_is_told_and_what_was_measured_before_is_kept(monkeypatch: pytest.MonkeyPatch):
+    def measure(_settings: Settings, _watch: Watch) -> Iterator[StartupRow]:
+        yield ROW
+        raise ProcessFailedError("robot-1 was killed by signal 9")
+
+    only(monkeypatch, measure)
+    result = unspoken_bench("--only", "startup", "--json", "-")
+    assert result.exit_code == 3
+    assert "robot-1 was killed by signal 9" in result.stderr
+    report = Report.model_validate_json(result.stdout)
+    assert (report.complete, report.figures.startup) == (False, (ROW,))
+
+
+def test_a_report_that_cannot_be_written_is_told_before_anything_is_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def measure(_settings: Settings, _watch: Watch) -> Iterator[StartupRow]:
+        raise AssertionError("it was measured")
+
+    only(monkeypatch, measure)
+    result = unspoken_bench("--only", "startup", "--json", tmp_path / "missing" / "report.json")
+    assert result.exit_code == 2
+    assert "report.json: the report cannot be written there: No such file or directory" in result.stderr
+
+
+@pytest.mark.parametrize("robots", ["", "1", "33", "2,,8", "two", "8;16"])
+def test_numbers_of_robots_that_cannot_be_are_refused(robots: str):
+    result = unspoken_bench("--robots", robots)
+    assert result.exit_code == 2
+    assert "from 2 to 32" in result.stderr
+
+
+def test_targets_are_judged_by_the_worst_figure_and_not_at_all_without_one():
+    rows = [ROW, ROW.model_copy(update={"ready_s": 3.5}), ROW.model_copy(update={"together": 8})]
+    nothing = dict.fromkeys(Figures.model_fields, ())
+    targets = {target.what: target for target in judge(Figures(**{**nothing, "startup": tuple(rows)}))}
+    ready = targets.pop("an agent's process, ready after its start")
+    assert (ready.measured, ready.limit, ready.met) == (3.5, 3.0, False)
+    assert {target.met for target in targets.values()} == {None}
+    met = {target.what: target.met for target in judge(Figures(**{**nothing, "startup": (ROW,)}))}
+    assert met["an agent's process, ready after its start"]
+
+
+def test_a_report_holds_no_infinite_number():
+    with pytest.raises(ValidationError):
+        StartupRow.model_validate({**ROW.model_dump(), "ready_s": float("inf")})

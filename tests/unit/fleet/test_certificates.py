@@ -1,0 +1,174 @@
+"""Certificates, judged by OpenSSL; hosts as people write them; and devices by the names of their folders."""
+
+import shutil
+import subprocess
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fleet.keys.authority import LOCAL_HOSTS, Authority, Device, Host, folder_of, hosts_in, name_of
+from fleet.keys.folders import create
+from protocol.device_keys import KeysError
+from protocol.keys import BENCH_NAME, WORLD_NAME
+
+NOW = datetime(2026, 5, 1, 12, tzinfo=UTC)
+DEVICES = [Device(WORLD_NAME, LOCAL_HOSTS), Device(BENCH_NAME), Device("7")]
+needs_openssl = pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is not installed here")
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> Path:
+    create(tmp_path / "keys", DEVICES, NOW, days=30, authority_days=300)
+    return tmp_path / "keys"
+
+
+def openssl(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(["openssl", *map(str, arguments)], capture_output=True, text=True)
+
+
+def verify(folder: Path, purpose: str, *options: str) -> subprocess.CompletedProcess[str]:
+    at = str(int((NOW + timedelta(days=1)).timestamp()))
+    trusted = ("-x509_strict", "-no-CApath", "-no-CAstore", "-CAfile", folder / "authority.pem")
+    time = () if "-attime" in options else ("-attime", at)
+    return openssl("verify", *trusted, *time, "-purpose", purpose, *options, folder / "certificate.pem")
+
+
+@needs_openssl
+@pytest.mark.parametrize(
+    ("folder", "purpose", "accepted"),
+    [
+        ("world", "sslserver", True),
+        ("world", "sslclient", False),
+        ("bench", "sslclient", True),
+        ("robot-7", "sslclient", True),
+        ("robot-7", "sslserver", False),
+    ],
+)
+def test_openssl_takes_each_certificate_for_its_purpose_alone(
+    made: Path, folder: str, purpose: str, accepted: bool
+) -> None:
+    assert (verify(made / folder, purpose).returncode == 0) is accepted
+
+
+@needs_openssl
+def test_openssl_takes_no_certificate_of_another_authority(made: Path, tmp_path: Path) -> None:
+    create(tmp_path / "others", DEVICES, NOW, days=30, authority_days=300)
+    shutil.copy(tmp_path / "others" / "robot-7" / "authority.pem", made / "robot-7")
+    assert verify(made / "robot-7", "sslclient").returncode != 0
+
+
+@needs_openssl
+@pytest.mark.parametrize(("days", "accepted"), [(-1.01, False), (-0.99, True), (29.99, True), (30.01, False)])
+def test_openssl_takes_them_from_a_day_before_they_were_made_until_their_end(
+    made: Path, days: float, accepted: bool
+) -> None:
+    at = int((NOW + timedelta(days=days)).timestamp())
+    assert (verify(made / "robot-7", "sslclient", "-attime", str(at)).returncode == 0) is accepted
+
+
+@needs_openssl
+@pytest.mark.parametrize("place", ["localhost", "127.0.0.1"])
+def test_openssl_finds_the_worlds_hosts_and_no_others(made: Path, place: str) -> None:
+    option = "-verify_ip" if place[0].isdigit() else "-verify_hostname"
+    assert verify(made / "world", "sslserver", option, place).returncode == 0
+    assert (
+        verify(made / "world", "sslserver", option, place.replace("l", "x").replace("7", "8")).returncode != 0
+    )
+
+
+@needs_openssl
+def test_openssl_reads_the_common_name(made: Path) -> None:
+    said = openssl(
+        "x509", "-in", made / "world" / "certificate.pem", "-noout", "-subject", "-nameopt", "RFC2253"
+    )
+    assert said.stdout == "subject=CN=@world\n"
+
+
+def test_serial_numbers_and_keys_are_never_the_same() -> None:
+    authority = Authority.new(NOW, 300)
+    issued = [authority.issue(Device("7"), NOW, 30) for _ in range(3)]
+    assert len({each.certificate.serial_number for each in issued}) == 3
+    assert len({each.key_pem for each in issued}) == 3
+
+
+def test_two_authorities_have_different_names() -> None:
+    assert Authority.new(NOW, 300).certificate.subject != Authority.new(NOW, 300).certificate.subject
+
+
+def test_no_certificate_outlasts_its_authority() -> None:
+    authority = Authority.new(NOW, 300)
+    authority.issue(Device("7"), NOW, 300)
+    with pytest.raises(
+        KeysError, match=r"after their authority, which expires on .*; --days 300 is the most"
+    ):
+        authority.issue(Device("7"), NOW, 301)
+    with pytest.raises(KeysError, match="make new keys for everybody with 'unspoken keys create'"):
+        authority.issue(Device("7"), NOW + timedelta(days=299.5), 1)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "localhost",
+        "lab.example",
+        "lab-2",
+        "my_world",
+        "10.0.0.7",
+        "a" * 63,
+        "7.example",
+        "xn--bcher-kva.example",
+    ],
+)
+def test_a_host_is_found_again_in_the_worlds_certificate(text: str) -> None:
+    device = Device(WORLD_NAME, (Host.parse(text),))
+    assert hosts_in(Authority.new(NOW, 300).issue(device, NOW, 30).certificate) == [text]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        " ",
+        "a b",
+        "tls/lab:7447",
+        "lab:7447",
+        "lab.",
+        ".lab",
+        "a..b",
+        "-a",
+        "1.2.3",
+        "300.1.1.1",
+        "ä",
+        "*.lab",
+        "a" * 64,
+        "a\n",
+        "@a",
+    ],
+)
+def test_what_is_no_host_is_told(text: str) -> None:
+    with pytest.raises(ValueError, match="a host name or an IPv4 address is expected"):
+        Host.parse(text)
+
+
+@pytest.mark.parametrize("text", ["::1", "fe80::1%eth0", "2001:db8::7"])
+def test_an_ipv6_address_is_told_as_what_zenoh_does_not_reach(text: str) -> None:
+    with pytest.raises(ValueError, match="Zenoh connects to no IPv6 address; give the world a host name"):
+        Host.parse(text)
+
+
+@given(
+    st.sampled_from([WORLD_NAME, BENCH_NAME])
+    | st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}", fullmatch=True)
+)
+def test_every_name_has_a_folder_of_its_own(name: str) -> None:
+    assert name_of(folder_of(name)) == name
+
+
+@pytest.mark.parametrize(
+    "folder", ["authority", "robot-", "robot-@world", "robot-a b", ".issued-x", "@world", "7"]
+)
+def test_other_folders_are_nobodys(folder: str) -> None:
+    assert name_of(folder) is None

@@ -1,0 +1,311 @@
+"""The command line, in this process; tests/processes has runs in processes of their own."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from click.testing import Result
+from typer.testing import CliRunner
+
+from agent.solve import SolverName, joint_solver
+from agent.solve.deadline import Deadline
+from agent.solve.problem import JointSolver
+from fleet.cli import app
+from fleet.record.recording import read_recording
+
+COMMANDS = ("run", "simulate", "bench", "scenarios", "audit", "replay", "world", "agent")
+ENVIRONMENT = {
+    "world": (
+        "scenario",
+        "listen",
+        "users",
+        "keys",
+        "insecure",
+        "run",
+        "clock",
+        "seed",
+        "exchange-goals",
+        "await-reader",
+        "start-timeout",
+        "answer-timeout",
+        "watch-port",
+    ),
+    "agent": (
+        "robot",
+        "goal",
+        "connect",
+        "password-file",
+        "keys",
+        "run",
+        "goals",
+        "solver",
+        "iterations",
+        "budget-ms",
+        "watch-port",
+        "config",
+        "robots",
+    ),
+}
+ONCE = {"help", "check", "json"}
+"""What nobody would put into an environment."""
+BLIND = {"dropout": 1.0}
+HEAD_ON = [
+    {"id": 1, "start": {"x_m": -1.5, "y_m": 0.0}, "goal": {"x_m": 1.5, "y_m": 0.0}},
+    {"id": 2, "start": {"x_m": 1.5, "y_m": 0.0}, "goal": {"x_m": -1.5, "y_m": 0.0}},
+]
+ALONE = [{"id": "solo", "start": {"x_m": 0.0, "y_m": 0.0}, "goal": {"x_m": 0.5, "y_m": 0.0}}]
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("COLUMNS", "TERMINAL_WIDTH"):
+        monkeypatch.setenv(name, "200")
+
+
+def unspoken(*arguments: object, env: dict[str, str] | None = None) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments], env=env)
+
+
+def scenario(robots: list[dict[str, Any]], **rules: Any) -> str:
+    """A scenario file in the present directory; its robots look ten steps ahead, which is cheap."""
+    horizons = {"prediction_steps": 10, "estimation_steps": 3}
+    content = {"name": "test", "robots": robots, "horizons": horizons, **rules}
+    Path("test.yaml").write_text(yaml.safe_dump(content))
+    return "test.yaml"
+
+
+def summary_in(directory: Path | str) -> dict[str, Any]:
+    summary: dict[str, Any] = json.loads((Path(directory) / "summary.json").read_text())
+    return summary
+
+
+def is_refused(result: Result, *words: str) -> None:
+    """Check that it ended with wrong usage, in words, without a traceback and without a trace."""
+    assert result.exit_code == 2
+    assert "Traceback" not in result.output
+    for word in words:
+        assert word in result.stderr
+    assert result.stdout == ""
+    assert not Path("runs").exists()
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_a_help_with_its_exit_status(command: str) -> None:
+    result = unspoken(command, "--help")
+    assert result.exit_code == 0
+    assert f"unspoken {command}" in result.stdout.replace("root", "unspoken")
+    assert "Exit status: 0" in result.stdout
+
+
+def test_the_command_alone_lists_all_commands() -> None:
+    result = unspoken()
+    assert "Traceback" not in result.output
+    for command in COMMANDS:
+        assert re.search(rf"^│ {command} ", result.output, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [(command, option) for command, options in ENVIRONMENT.items() for option in options],
+)
+def test_every_option_of_a_single_process_has_its_environment_variable(command: str, option: str) -> None:
+    text = unspoken(command, "--help").stdout
+    assert f"--{option} " in text
+    assert f"[env var: UNSPOKEN_{option.upper().replace('-', '_')}]" in text
+
+
+@pytest.mark.parametrize("command", ENVIRONMENT)
+def test_no_option_of_a_single_process_is_missing_above(command: str) -> None:
+    listed = re.findall(r"--([a-z-]+) ", unspoken(command, "--help").stdout)
+    assert set(listed) - ONCE == set(ENVIRONMENT[command])
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "words"),
+    [
+        ("UNSPOKEN_ROBOT", "a/b", ("--robot", "'a/b' found")),
+        ("UNSPOKEN_GOAL", "1,2", ("--goal", "'1,2' found, x,y,heading is expected")),
+        ("UNSPOKEN_GOAL", "1,2,nan", ("--goal", "x,y,heading is expected")),
+        ("UNSPOKEN_RUN", "*", ("--run", "'*' found")),
+        ("UNSPOKEN_GOALS", "guess", ("--goals", "guess", "constant-acceleration")),
+        ("UNSPOKEN_SOLVER", "slow", ("--solver", "slow", "realtime", "reference")),
+        ("UNSPOKEN_ITERATIONS", "0", ("--iterations", "greater than or equal to 1")),
+        ("UNSPOKEN_BUDGET_MS", "nan", ("--budget-ms", "nan found", "not negative")),
+        ("UNSPOKEN_BUDGET_MS", "-1", ("--budget-ms", "-1.0 found")),
+    ],
+)
+def test_a_robot_s_option_from_the_environment_is_read_and_checked(
+    variable: str, value: str, words: tuple[str, ...]
+) -> None:
+    right = {"UNSPOKEN_ROBOT": "1", "UNSPOKEN_GOAL": "1,2,3"}
+    is_refused(unspoken("agent", env={**right, variable: value}), *words)
+
+
+@pytest.mark.parametrize("command", ["run", "simulate"])
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), ("SCENARIO",)),
+        (("8b",), ("8b", "2-crossing, 3-crossing, 4-crossing, 8a", "did you mean '8a'?")),
+        (("8a", "--goals", "guess"), ("--goals", "guess", "exchanged", "ioc", "constant-acceleration")),
+        (("8a", "--clock", "slow"), ("--clock", "slow", "lockstep", "realtime")),
+        (("8a", "--solver", "slow"), ("--solver", "slow", "realtime", "reference")),
+        (("8a", "--iterations", "0"), ("--iterations", "greater than or equal to 1")),
+        (("8a", "--iterations", "2.5"), ("--iterations", "integer")),
+        (("8a", "--seed", "-1"), ("--seed", "greater than or equal to 0")),
+        (("8a", "--seed", "many"), ("--seed", "integer")),
+        (("8a", "--speed", "3"), ("--speed",)),
+    ],
+)
+def test_wrong_usage_is_refused_before_anything_is_written(
+    command: str, arguments: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    is_refused(unspoken(command, *arguments), *words)
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-0.1"])
+def test_a_budget_that_is_none_is_refused(value: str) -> None:
+    is_refused(unspoken("run", "8a", "--budget-ms", value), "--budget-ms", f"{value} found")
+
+
+def test_a_simulation_has_no_clock_that_could_bound_decisions() -> None:
+    is_refused(unspoken("simulate", "8a", "--budget-ms", "50"), "--budget-ms")
+
+
+@pytest.mark.parametrize("command", ["run", "simulate", "agent"])
+def test_the_real_time_solver_is_the_default(command: str) -> None:
+    assert re.search(r"--solver .*\[default: realtime\]", unspoken(command, "--help").stdout)
+
+
+def test_a_simulation_keeps_which_solver_it_used_and_how(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[tuple[str, int]] = []
+    original = joint_solver
+
+    def noted(name: SolverName, iterations: int, deadline: Deadline) -> JointSolver:
+        given.append((name, iterations))
+        return original(name, iterations, deadline)
+
+    monkeypatch.setattr("agent.agent.joint_solver", noted)
+    path = scenario(ALONE, time_limit_s=0.1)
+    unspoken("simulate", path, "--iterations", 5, "--out", "out")
+    assert given[-1] == ("realtime", 5)
+    facts = read_recording(Path("out/run.mcap")).facts
+    assert (facts.solver, facts.iterations, facts.budget_ms) == ("realtime", 5, None)
+
+
+@pytest.mark.parametrize("command", ["run", "simulate"])
+def test_where_the_solver_cannot_be_compiled_the_run_fails_and_says_why(
+    command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Path("file").touch()
+    monkeypatch.setattr("agent.solve.compiled.FOLDER", Path("nowhere"))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(Path("file/cache").absolute()))
+    result = unspoken(command, scenario(ALONE), "--out", "out")
+    assert result.exit_code == 3
+    assert re.fullmatch(r"unspoken: .*file/cache cannot be written; set NUMBA_CACHE_DIR .*\n", result.stderr)
+    assert summary_in("out")["verdict"] == "failed"
+
+
+@pytest.mark.parametrize("command", ["run", "simulate"])
+def test_a_wrong_scenario_file_is_one_clear_message(command: str) -> None:
+    path = scenario([{**ALONE[0], "gaol": {"x_m": 1.0, "y_m": 0.0}}])
+    result = unspoken(command, path)
+    is_refused(result, "test.yaml", "gaol", "goal")
+    assert len(result.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("command", ["run", "simulate"])
+def test_an_output_directory_that_holds_something_is_refused_and_left_as_it_was(command: str) -> None:
+    Path("mine").mkdir()
+    Path("mine/thesis.tex").write_text("of great value")
+    is_refused(unspoken(command, "2-crossing", "--out", "mine"), "mine is not empty", "--out")
+    assert [path.name for path in Path("mine").iterdir()] == ["thesis.tex"]
+    assert Path("mine/thesis.tex").read_text() == "of great value"
+
+
+@pytest.mark.parametrize("command", ["run", "simulate"])
+def test_an_output_directory_that_cannot_be_made_is_refused(command: str) -> None:
+    Path("file").touch()
+    is_refused(unspoken(command, "2-crossing", "--out", "file/run"), "file/run cannot be used for the output")
+    is_refused(unspoken(command, "2-crossing", "--out", "file"), "--out", "file")
+
+
+def test_one_robot_alone_arrives() -> None:
+    result = unspoken("simulate", scenario(ALONE), "--out", "out")
+    assert result.exit_code == 0
+    assert result.stderr == ""
+    summary = summary_in("out")
+    assert (summary["verdict"], summary["clock"], summary["minimum_distance_m"]) == (
+        "arrived",
+        "virtual",
+        None,
+    )
+    [robot] = summary["robots"]
+    assert robot["arrived_s"] == summary["duration_s"]
+    assert f"The robot arrived after {summary['duration_s']:.1f} s." in result.stdout
+
+
+def test_without_out_the_output_goes_to_a_new_directory_under_runs() -> None:
+    result = unspoken("simulate", scenario(ALONE, name="north/../hall 1"), "--goals", "exchanged")
+    assert result.exit_code == 0
+    [directory] = Path("runs").iterdir()
+    assert re.fullmatch(r"north-..-hall-1-exchanged-\d{8}-\d{6}", directory.name)
+    assert f"Recorded in {directory}:" in result.stdout
+    assert summary_in(directory)["scenario"] == "north/../hall 1"
+
+
+def test_a_long_path_is_told_in_one_line() -> None:
+    out = "a" * 120
+    result = unspoken("simulate", scenario(ALONE, time_limit_s=0.1), "--out", out, env={"COLUMNS": "80"})
+    assert f"Recorded in {out}: paths.png, run.mcap, summary.json" in result.stdout.splitlines()
+
+
+def test_the_seed_is_kept_and_the_clock_of_a_simulation_changes_nothing() -> None:
+    path = scenario(ALONE, time_limit_s=0.3, sensing={"position_noise_m": 0.01})
+    for name, options in {"one": (), "other": ("--clock", "realtime")}.items():
+        assert unspoken("simulate", path, "--seed", 9, "--out", name, *options).exit_code == 1
+    one, other = summary_in("one"), summary_in("other")
+    assert one["seed"] == 9
+    for summary in (one, other):
+        del summary["phases_ms"]
+    assert one == other
+
+
+def ends_with(result: Result, verdict: str) -> str:
+    """Check the common part of runs in which not all is well; return what was told, in one line."""
+    assert result.exit_code == 1
+    assert result.stderr == ""
+    summary = summary_in("out")
+    assert (summary["verdict"], summary["duration_s"] is None) == (verdict, verdict != "collision")
+    return " ".join(result.stdout.split())
+
+
+def test_a_run_out_of_time_says_who_had_not_arrived() -> None:
+    result = unspoken("simulate", scenario(HEAD_ON, time_limit_s=0.3), "--out", "out")
+    assert "Out of time after 0.3 s: robots 1 and 2 had not arrived" in ends_with(result, "timeout")
+
+
+def test_robots_that_do_not_see_each_other_collide_and_the_verdict_says_so() -> None:
+    result = unspoken("simulate", scenario(HEAD_ON, sensing=BLIND), "--out", "out")
+    assert "Collision of 1 pair of robots; after" in ends_with(result, "collision")
+    assert summary_in("out")["collisions"] == 1
+
+
+def test_a_robot_behind_a_parked_one_in_a_lane_ends_in_deadlock() -> None:
+    parked = {
+        "id": 1,
+        "start": {"x_m": 2.0, "y_m": 0.0},
+        "goal": {"x_m": 2.0, "y_m": 0.0, "heading_rad": 0.0},
+    }
+    behind = {"id": 2, "start": {"x_m": 0.5, "y_m": 0.0}, "goal": {"x_m": 4.0, "y_m": 0.0}}
+    lane = {"y_min_m": -0.1, "y_max_m": 0.1}
+    result = unspoken(
+        "simulate", scenario([parked, behind], area=lane), "--goals", "exchanged", "--out", "out"
+    )
+    assert "Deadlock after" in (told := ends_with(result, "deadlock"))
+    assert "robot 2 never arrived" in told
+    assert summary_in("out")["robots"][0]["arrived_s"] == 0.0

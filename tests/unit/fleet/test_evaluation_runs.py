@@ -1,0 +1,153 @@
+"""The runs that an evaluation asks for, and the row that comes of one."""
+
+import json
+import math
+import statistics
+import threading
+from pathlib import Path
+
+import pytest
+from evaluation_helpers import evaluation_of, write_suite
+from typer.testing import CliRunner
+
+from agent.agent import Agent
+from agent.solve.deadline import Stopwatch
+from fleet.cli import app
+from fleet.evaluate.noise import with_noise
+from fleet.evaluate.row import COLUMNS, Row
+from fleet.evaluate.running import execute
+from protocol.messages import Mind
+from scenarios import find
+
+PHASES = ("estimate", "predict", "plan", "decide")
+
+
+def test_there_is_one_run_for_every_scenario_method_seed_and_level_of_noise(tmp_path: Path):
+    suite = write_suite(tmp_path / "suite", "one", "two")
+    evaluation = evaluation_of(suite, seeds=3, noise=("low", "high"))
+    keys = [run.key for run in evaluation.runs()]
+    assert len(set(keys)) == len(keys) == 2 * 2 * 3 * 2
+    assert {key.scenario for key in keys} == {"one", "two"}
+    assert {key.seed for key in keys} == {0, 1, 2}
+    assert evaluation.spared_seeds == 0
+
+
+def test_without_noise_one_seed_stands_for_all(tmp_path: Path):
+    suite = write_suite(tmp_path / "suite", "one")
+    evaluation = evaluation_of(suite, seeds=3, noise=("none", "low"))
+    assert [run.key.seed for run in evaluation.runs() if run.key.noise == "none"] == [0, 0]
+    assert len([run for run in evaluation.runs() if run.key.noise == "low"]) == 6
+    assert evaluation.spared_seeds == 1
+
+
+@pytest.mark.parametrize("sensing", [{"speed_noise_mps": 0.1}, {"dropout": 0.5}])
+def test_a_scenario_with_noise_of_its_own_is_run_with_every_seed(tmp_path: Path, sensing: dict[str, float]):
+    suite = write_suite(tmp_path / "suite", "one", sensing=sensing)
+    assert len(list(evaluation_of(suite, seeds=3).runs())) == 2 * 3
+
+
+@pytest.mark.parametrize(("level", "factor"), [("low", 1.0), ("medium", 2.0), ("high", 4.0)])
+def test_a_level_of_noise_holds_for_every_robot(tmp_path: Path, level, factor: float):
+    suite = write_suite(tmp_path / "suite", "one", sensing={"range_m": 3.0, "dropout": 0.1})
+    (scenario,) = evaluation_of(suite).scenarios.values()
+    first, second = scenario.robots
+    own = scenario.model_copy(
+        update={"robots": [first.model_copy(update={"sensing": scenario.sensing}), second]}
+    )
+    noisy = with_noise(own, level)
+    for robot in noisy.robots:
+        sensing = noisy.sensing_of(robot)
+        assert sensing.position_noise_m == pytest.approx(0.02 * factor)
+        assert math.degrees(sensing.heading_noise_rad) == pytest.approx(2.0 * factor)
+        assert sensing.speed_noise_mps == pytest.approx(0.05 * factor)
+        assert (sensing.range_m, sensing.dropout) == (None, 0.0)
+    assert with_noise(own, "none") == own
+
+
+@pytest.mark.parametrize("goals", ["exchanged", "ioc"])
+def test_a_row_says_what_a_simulation_of_the_same_run_says(tmp_path: Path, goals):
+    arguments = ["simulate", "2-crossing", "--goals", goals, "--out", str(tmp_path / "out")]
+    assert CliRunner().invoke(app, arguments).exit_code == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    (run,) = evaluation_of(find("2-crossing"), goals=(goals,)).runs()
+    row = execute(run)
+    same = ("verdict", "seed", "solver", "duration_s", "minimum_distance_m", "collisions", "steps")
+    same += ("solver_failures", "clipped_commands")
+    assert {name: getattr(row, name) for name in same} == {name: summary[name] for name in same}
+    assert (row.scenario, row.method, row.verdict) == ("2-crossing", goals, "arrived")
+    assert row.robots == row.arrived == len(summary["robots"])
+    arrivals_s, driven_m = (
+        [robot[name] for robot in summary["robots"]] for name in ("arrived_s", "driven_m")
+    )
+    assert row.robot_duration_mean_s == pytest.approx(statistics.mean(arrivals_s))
+    assert row.robot_driven_mean_m == pytest.approx(statistics.mean(driven_m))
+    assert row.driven_m == pytest.approx(sum(driven_m))
+
+
+def test_what_others_do_meanwhile_counts_as_wall_clock_time_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    (run,) = evaluation_of(write_suite(tmp_path / "suite", "one"), goals=("exchanged",)).runs()
+    execute(run)
+    think = Agent._think
+
+    def be_held_up(agent: Agent, watch: Stopwatch):
+        threading.Event().wait(0.1)
+        return think(agent, watch)
+
+    monkeypatch.setattr(Agent, "_think", be_held_up)
+    row = execute(run)
+    assert row.decide_cpu_p50_ms < 50.0
+    assert row.cpu_s < 0.5 * row.wall_s
+    assert row.wall_s >= 0.1 * 2 * row.steps
+
+
+def test_no_phase_takes_longer_than_the_whole(tmp_path: Path):
+    (run,) = evaluation_of(write_suite(tmp_path / "suite", "one"), goals=("ioc",)).runs()
+    row = execute(run)
+    for phase in PHASES:
+        p50, p99, most = (getattr(row, f"{phase}_cpu_{name}_ms") for name in ("p50", "p99", "max"))
+        assert 0.0 < p50 <= p99 <= most <= 1e3 * row.cpu_s
+    assert row.cpu_s <= row.wall_s + 0.01
+
+
+def test_a_run_that_is_out_of_time_has_no_durations(tmp_path: Path):
+    (run,) = evaluation_of(write_suite(tmp_path / "suite", "one"), goals=("exchanged",)).runs()
+    row = execute(run)
+    assert (row.verdict, row.arrived, row.steps, row.reason) == ("timeout", 0, 5, None)
+    assert row.duration_s is row.robot_duration_mean_s is None
+    assert row.driven_m > 0.0
+
+
+def test_a_run_that_raises_is_a_failed_row_with_the_reason_and_the_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    (run,) = evaluation_of(write_suite(tmp_path / "suite", "one"), goals=("exchanged",)).runs()
+    execute(run)
+
+    def stumble(_agent: Agent, _observation: object) -> Mind:
+        raise ArithmeticError("no way\nout")
+
+    monkeypatch.setattr(Agent, "decide", stumble)
+    row = execute(run)
+    assert (row.key, row.robots, row.verdict) == (run.key, 2, "failed")
+    assert row.reason.startswith("ArithmeticError: no way out (test_evaluation_runs.py:")
+    filled = {name for name, value in row if value is not None}
+    assert filled == {*row.key._fields, "robots", "verdict", "reason"}
+
+
+def test_every_quantity_has_its_unit_in_its_name():
+    units = ("_s", "_m", "_ms")
+    floats = [name for name, field in Row.model_fields.items() if field.annotation == float | None]
+    assert len(floats) == 19
+    assert [name for name in floats if not name.endswith(units)] == []
+    assert COLUMNS[:8] == (
+        "scenario",
+        "robots",
+        "method",
+        "solver",
+        "noise",
+        "seed",
+        "verdict",
+        "reason",
+    )

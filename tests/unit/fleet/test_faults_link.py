@@ -1,0 +1,314 @@
+"""The link between the world and one robot, fault by fault."""
+
+import math
+from typing import Any
+
+import pytest
+from faults_helpers import EPOCH, arrived, command, due, fault, given, link, observation, shown
+from hypothesis import given as given_any
+from hypothesis import strategies as st
+from pydantic import TypeAdapter
+
+from fleet.inject.link import LINK_KINDS, Link, link_faults
+from fleet.inject.schedule import schedule
+from protocol.codec import MessageError, decode, encode
+from protocol.faults import Fault
+from protocol.messages import Command, Observation, State
+from protocol.scene import PublicRobot, Scene
+
+STEPS = 200
+
+
+def struck(over: Link, steps: int = STEPS) -> float:
+    """At which part of the steps no intact observation came."""
+    return sum(not each.answerable for each in shown(over, steps)) / steps
+
+
+def test_without_a_fault_every_payload_passes_as_it_is() -> None:
+    over = link()
+    for step in range(3):
+        assert over.observed(observation(step)) == ((encode(observation(step)),), True)
+        assert over.commanded(encode(command(step))) == (encode(command(step)),)
+        assert over.due(step) == ()
+
+
+def test_what_befalls_another_robot_or_no_link_changes_nothing() -> None:
+    over = link(fault("loss", rate=1.0, robots=[2]), fault("kill", robots=[1]), fault("stops", robots=[1]))
+    assert over.observed(observation(0)) == ((encode(observation(0)),), True)
+
+
+def test_a_fault_holds_from_its_beginning_to_its_end() -> None:
+    came = shown(link(fault("loss", rate=1.0, start_s=0.2, duration_s=0.3)), 8)
+    assert [each.answerable for each in came] == [True, True, False, False, False, True, True, True]
+
+
+@pytest.mark.parametrize("kind", ["loss", "slow"])
+def test_a_lost_observation_does_not_come_and_no_answer_is_awaited(kind: str) -> None:
+    came = shown(link(fault(kind, rate=0.3)), STEPS)
+    assert all(each.steps == ([step] if each.answerable else []) for step, each in enumerate(came))
+    assert 0.2 < struck(link(fault(kind, rate=0.3))) < 0.4
+
+
+def test_two_robots_have_different_luck() -> None:
+    lost = [
+        [each.answerable for each in shown(link(fault("loss", rate=0.5), robot=robot), 50)]
+        for robot in ("1", "2")
+    ]
+    assert lost[0] != lost[1]
+
+
+def test_a_delayed_view_is_of_the_others_and_tells_its_age() -> None:
+    came = [each.only for each in shown(link(fault("delay", steps=3)), 8)]
+    assert [each.age_steps for each in came] == [0, 1, 2, 3, 3, 3, 3, 3]
+    for step, seen in enumerate(came):
+        now, then = observation(step), observation(max(step - 3, 0))
+        assert seen.robots == {"1": now.robots["1"], "2": then.robots["2"]}
+
+
+def test_a_delay_adds_to_the_age_that_there_is() -> None:
+    over = link(fault("delay", steps=2))
+    ages = [arrived(over, observation(step, age_steps=min(step, 4))).only.age_steps for step in range(8)]
+    assert ages == [0, 1, 2, 3, 4, 5, 6, 6]
+
+
+def test_jitter_varies_the_age_up_to_its_steps() -> None:
+    came = [each.only for each in shown(link(fault("jitter", steps=3)), STEPS)]
+    assert {each.age_steps for each in came[3:]} == {0, 1, 2, 3}
+    for step, seen in enumerate(came):
+        assert seen.robots["1"] == observation(step).robots["1"]
+        assert seen.robots["2"] == observation(step - seen.age_steps).robots["2"]
+
+
+def test_a_duplicate_comes_twice() -> None:
+    assert [each.steps for each in shown(link(fault("duplication", rate=1.0)), 3)] == [[0, 0], [1, 1], [2, 2]]
+
+
+def test_a_reordered_observation_comes_after_the_next_one() -> None:
+    came = shown(link(fault("reordering", rate=1.0)), 5)
+    assert [each.steps for each in came] == [[], [1, 0], [], [3, 2], []]
+    assert [each.answerable for each in came] == [False, True, False, True, False]
+
+
+def test_a_reordered_observation_waits_for_the_next_one_that_comes() -> None:
+    faults = (
+        fault("reordering", rate=1.0, duration_s=0.1),
+        fault("loss", rate=1.0, start_s=0.1, duration_s=0.2),
+    )
+    assert [each.steps for each in shown(link(*faults), 5)] == [[], [], [], [3, 0], [4]]
+
+
+def test_a_stuck_robot_stays_in_view_where_it_was_at_the_beginning() -> None:
+    over = link(fault("stuck", seen=2, start_s=0.2, duration_s=0.3))
+    there = observation(2).robots["2"]
+    for step in range(7):
+        unseen = {"1": observation(step).robots["1"]} if step == 4 else observation(step).robots
+        seen = arrived(over, observation(step, robots=unseen)).only
+        assert seen.robots["2"] == (there if 2 <= step < 5 else observation(step).robots["2"])
+
+
+def test_a_robot_does_not_see_itself_stuck() -> None:
+    assert [each.only for each in shown(link(fault("stuck", seen=1)), 3)] == [
+        observation(s) for s in range(3)
+    ]
+
+
+def test_a_ghost_goes_straight_on_from_its_place() -> None:
+    turned = {"heading_rad": math.pi / 2, "speed_mps": 2.0}
+    came = shown(link(fault("ghost", x_m=1.0, y_m=-3.0, start_s=0.2, **turned)), 6)
+    for step, each in enumerate(came):
+        ghosts = {name: state for name, state in each.only.robots.items() if name not in ("1", "2")}
+        if step < 2:
+            assert ghosts == {}
+        else:
+            [(name, state)] = ghosts.items()
+            assert name == "ghost"
+            assert (state.x_m, state.y_m) == pytest.approx((1.0, -3.0 + 0.2 * (step - 2)))
+            assert (state.heading_rad, state.speed_mps) == (math.pi / 2, 2.0)
+
+
+def test_ghosts_have_names_of_nobody_else() -> None:
+    scene = Scene(robots={"1": PublicRobot(), "ghost": PublicRobot()})
+    parsed = TypeAdapter(tuple[Fault, ...]).validate_python(
+        [fault("ghost", x_m=x_m, y_m=0.0) for x_m in (1.0, 2.0)]
+    )
+    seen = Link(schedule(parsed, seed=0, step_s=0.1), "1", scene).observed(observation(0)).payloads[0]
+    assert set(decode(Observation, seen).robots) == {"1", "2", "ghost-2", "ghost-3"}
+
+
+def test_a_robot_jumps_as_far_as_it_is_said_and_elsewhere_each_time() -> None:
+    offsets = set()
+    for step, each in enumerate(shown(link(fault("jump", seen=2, distance_m=3.0)), 20)):
+        seen, true = each.only.robots, observation(step).robots
+        assert seen["1"] == true["1"]
+        x_m, y_m = seen["2"].x_m - true["2"].x_m, seen["2"].y_m - true["2"].y_m
+        assert math.hypot(x_m, y_m) == pytest.approx(3.0)
+        offsets.add((round(x_m, 6), round(y_m, 6)))
+    assert len(offsets) == 20
+
+
+@pytest.mark.parametrize("robot", ["1", "2"])
+def test_a_bias_displaces_others_and_the_observer(robot: str) -> None:
+    for step, each in enumerate(shown(link(fault("bias", seen=int(robot), x_m=0.5, y_m=-0.25)), 5)):
+        seen, true = each.only.robots, observation(step).robots
+        assert (seen[robot].x_m, seen[robot].y_m) == (true[robot].x_m + 0.5, true[robot].y_m - 0.25)
+        assert {name: seen[name] for name in seen if name != robot} == {
+            name: true[name] for name in true if name != robot
+        }
+
+
+@pytest.mark.parametrize(
+    ("kind", "told"),
+    [("nan", "finite number"), ("garbage", ""), ("wrong-version", "schema_version: 2 found")],
+)
+def test_what_is_no_valid_observation_is_refused_and_not_to_be_answered(kind: str, told: str) -> None:
+    for each in shown(link(fault(kind, rate=1.0)), 50):
+        [error] = each.messages
+        assert isinstance(error, MessageError)
+        assert told in str(error)
+        assert not each.answerable
+
+
+def test_an_observation_of_another_epoch_is_valid_and_not_to_be_answered() -> None:
+    for step, each in enumerate(shown(link(fault("wrong-epoch", rate=1.0)), 3)):
+        assert each.only == observation(step, epoch=EPOCH + 1)
+        assert not each.answerable
+
+
+@pytest.mark.parametrize("kind", ["nan", "garbage", "wrong-version", "wrong-epoch", "reordering"])
+def test_only_a_share_of_the_observations_is_struck(kind: str) -> None:
+    assert 0.1 < struck(link(fault(kind, rate=0.2))) < 0.3
+
+
+def test_a_lost_command_is_replaced_by_one_that_is_withheld() -> None:
+    over, lost = link(fault("command-loss", rate=0.3)), 0
+    for step in range(STEPS):
+        [reached] = given(over, command(step))
+        assert reached in (command(step), Command.withheld_at(EPOCH, "1", step))
+        lost += reached.withheld
+    assert 0.2 < lost / STEPS < 0.4
+
+
+def test_a_delayed_command_comes_later_and_is_withheld_meanwhile() -> None:
+    over = link(fault("command-delay", steps=2, duration_s=0.2))
+    came = [(due(over, step), given(over, command(step))) for step in range(5)]
+    assert [late for late, _ in came] == [[], [], [command(0)], [command(1)], []]
+    assert [now for _, now in came[:2]] == [[Command.withheld_at(EPOCH, "1", step)] for step in (0, 1)]
+    assert [now for _, now in came[2:]] == [[command(step)] for step in (2, 3, 4)]
+
+
+def test_a_duplicated_command_comes_twice() -> None:
+    assert given(link(fault("command-duplication", rate=1.0)), command(0)) == [command(0)] * 2
+
+
+def test_an_excessive_command_is_multiplied_and_still_a_valid_message() -> None:
+    over = link(fault("command-excess", factor=10.0))
+    assert given(over, command(0)) == [
+        command(0, turn_rate_radps=10.0, acceleration_mps2=20.0, then=(5.0, -20.0))
+    ]
+    [largest] = given(link(fault("command-excess", factor=1e4)), command(0, acceleration_mps2=-1e5))
+    assert largest.acceleration_mps2 == -1e6
+
+
+def test_a_weak_robot_accelerates_and_brakes_with_a_part_of_its_limits_only() -> None:
+    over = link(fault("weak", robots=[1], factor=0.25))  # of 3 m/s²
+    assert given(over, command(0)) == [command(0, acceleration_mps2=0.75, then=(0.5, -0.75))]
+    assert given(over, command(1, acceleration_mps2=-0.5, then=None)) == [
+        command(1, acceleration_mps2=-0.5, then=None)
+    ]
+
+
+def test_what_is_no_command_is_left_to_the_world() -> None:
+    assert link(fault("command-loss", rate=1.0)).commanded(b"\xc1") == (b"\xc1",)
+
+
+def test_a_link_is_needed_where_a_fault_lies_on_it() -> None:
+    parsed = TypeAdapter(tuple[Fault, ...]).validate_python(
+        [fault("loss", rate=0.1, robots=[2]), fault("kill", robots=[1]), fault("garbage", rate=0.5)]
+    )
+    faults = schedule(parsed, seed=0, step_s=0.1)
+    assert [len(link_faults(faults, robot)) for robot in ("1", "2")] == [1, 2]
+
+
+def test_the_same_seed_gives_the_same_and_another_seed_something_else() -> None:
+    faults = [
+        fault("loss", rate=0.2),
+        fault("jitter", steps=4),
+        fault("jump", seen=2, distance_m=1.0, rate=0.3),
+        fault("garbage", rate=0.2),
+    ]
+    runs = [
+        [link_of.observed(observation(step)) for step in range(60)]
+        for link_of in (link(*faults, seed=1), link(*faults, seed=1), link(*faults, seed=2))
+    ]
+    assert runs[0] == runs[1]
+    assert runs[0] != runs[2]
+
+
+times = {
+    "start_s": st.sampled_from([0.0, 0.15, 0.7]) | st.tuples(st.just(0.1), st.just(0.5)),
+    "duration_s": st.none() | st.sampled_from([0.1, 0.35, 5.0]),
+    "robots": st.none() | st.just(["1"]) | st.just(["1", "2"]),
+}
+rates = st.sampled_from([0.2, 0.7, 1.0])
+ways_m = st.sampled_from([-1e6, -1.0, 0.0, 1e6]) | st.floats(-1e6, 1e6)
+FIELDS: dict[str, dict[str, st.SearchStrategy[Any]]] = {
+    "delay": {"steps": st.integers(1, 10)},
+    "jitter": {"steps": st.integers(1, 10)},
+    "stuck": {"seen": st.sampled_from(["1", "2", "3"])},
+    "ghost": {"x_m": ways_m, "y_m": ways_m, "speed_mps": st.floats(0.0, 1e6)},
+    "jump": {
+        "seen": st.sampled_from(["1", "2", "3"]),
+        "distance_m": st.floats(1e-3, 1e3),
+        "rate": rates,
+    },
+    "bias": {"seen": st.sampled_from(["1", "2", "3"]), "x_m": ways_m, "y_m": ways_m},
+    "command-delay": {"steps": st.integers(1, 10), "rate": rates},
+    "command-excess": {"factor": st.floats(1e-3, 1e4), "rate": rates},
+    "weak": {"factor": st.floats(1e-3, 1.0), "robots": st.just(["1"])},
+}
+KINDS = [kind.model_fields["kind"].annotation.__args__[0] for kind in LINK_KINDS]
+
+
+@st.composite
+def any_fault(draw: st.DrawFn) -> dict[str, Any]:
+    kind = draw(st.sampled_from(KINDS))
+    fields = FIELDS.get(kind, {"rate": rates})
+    return {"kind": kind} | {name: draw(values) for name, values in (times | fields).items()}
+
+
+@given_any(
+    faults=st.lists(any_fault(), max_size=6),
+    steps=st.lists(st.integers(1, 4), min_size=1, max_size=12),
+    others=st.lists(st.sampled_from(["2", "3"]), unique=True),
+)
+def test_whatever_befalls_a_link_it_keeps_epochs_and_the_order_of_the_newest(
+    faults: list[dict[str, Any]], steps: list[int], others: list[str]
+) -> None:
+    over, step, newest = link(*faults), 0, -1
+    there = State.of(1e6, -1e6, 1.0, 2.0)
+    for gap in steps:
+        step += gap
+        for late in due(over, step):
+            assert late.step < step
+            assert not late.withheld
+        seen = observation(step, robots=dict.fromkeys(["1", *others], there))
+        delivery = over.observed(seen)
+        valid = [message for message in map(valid_observation, delivery.payloads) if message is not None]
+        own = [message for message in valid if message.epoch == EPOCH]
+        assert delivery.answerable == (step in [message.step for message in own])
+        assert all(newest < message.step <= step for message in own)
+        if delivery.answerable:
+            assert own[0].step == step
+            newest = own[-1].step
+        else:
+            assert own == []
+        answers = given(over, command(step))
+        assert [answer.step for answer in answers] in ([step], [step, step])
+        assert all(answer.epoch == EPOCH and answer.robot == "1" for answer in answers)
+
+
+def valid_observation(payload: bytes) -> Observation | None:
+    try:
+        return decode(Observation, payload)
+    except MessageError:
+        return None

@@ -1,0 +1,148 @@
+"""How robots behave while a fault lies on their minds, and that they go on as before after it."""
+
+import math
+from typing import Any
+
+import pytest
+from faults_helpers import MEETING, fault, moments, place, truths
+
+from fleet.run.moment import Moment
+
+SOON_S = 0.5
+SOON = 5
+ALONE = {"robots": [MEETING[0]], "time_limit_s": 10.0}
+"""Robot 1, which needs to mind nobody."""
+
+
+def first(kind: str, **fields: Any) -> dict[str, Any]:
+    """A fault of robot 1."""
+    return fault(kind, robots=[1], **({"start_s": SOON_S} | fields))
+
+
+def standing(driven: list[Moment], robot: str = "1") -> bool:
+    return abs(driven[-1].truth.robots[robot].state.speed_mps) < 1e-3
+
+
+def distance_m(one: tuple[float, float], other: tuple[float, float]) -> float:
+    return math.dist(one, other)
+
+
+def minds(driven: list[Moment]) -> list[Any]:
+    return [moment.decisions["1"].mind for moment in driven[:-1]]
+
+
+def test_a_robot_stops_and_stays() -> None:
+    driven = moments(first("stops"), time_limit_s=4.0)
+    there = [place(truth, "1") for truth in truths(driven)]
+    assert standing(driven)
+    assert distance_m(there[-1], (4.0, 0.0)) > 1.0
+    assert distance_m(there[-1], there[-10]) < 1e-3
+    assert driven[-1].truth.robots["1"].clipped_commands == 0, "it brakes as its limits allow"
+    assert driven[-1].truth.robots["1"].deadline_misses == 0, "and says so"
+    assert {seen.step for seen in minds(driven)} == set(range(len(driven) - 1)), "and goes on thinking"
+
+
+def test_a_robot_that_stopped_for_a_while_arrives() -> None:
+    driven = moments(first("stops", duration_s=1.0))
+    speeds = [truth.robots["1"].state.speed_mps for truth in truths(driven)]
+    assert min(map(abs, speeds[SOON:])) < 0.2 < 0.5 * max(speeds)
+    assert driven[-1].truth.verdict == "arrived"
+    assert driven[-1].truth.robots["1"].clipped_commands == 0
+
+
+@pytest.mark.parametrize("goals", ["joint-fit", "exchanged"])
+def test_a_robot_that_ignores_others_drives_as_if_alone(goals: Any) -> None:
+    alone = moments(goals=goals, **ALONE)
+    driven = moments(first("ignores", start_s=0.0), goals=goals, time_limit_s=3.0)
+    minded = moments(goals=goals, time_limit_s=3.0)
+    way = [place(truth, "1") for truth in truths(alone)]
+    count = min(len(way), len(driven))
+    assert [place(truth, "1") for truth in truths(driven)][:count] == way[:count]
+    assert [place(truth, "1") for truth in truths(minded)][:count] != way[:count]
+
+
+def test_a_robot_that_ignored_others_for_a_while_knows_them_at_once_after_it() -> None:
+    driven = moments(first("ignores", duration_s=0.3))
+    seen = [set(mind.prediction) for mind in minds(driven)]
+    assert seen[: SOON + 4] == [{"1", "2"}] * SOON + [{"1"}] * 3 + [{"1", "2"}]
+    assert driven[-1].truth.robots["1"].clipped_commands == 0, "it knew what it was driving"
+
+
+@pytest.mark.parametrize("goals", ["joint-fit", "exchanged"])
+def test_a_robot_turns_back_to_where_it_was_first_seen(goals: Any) -> None:
+    driven = moments(first("turns-back"), goals=goals)
+    assert distance_m(place(driven[-1].truth, "1"), (-4.0, 0.0)) < 0.2
+    assert standing(driven)
+    assert driven[-1].truth.robots["2"].arrived_s is not None
+
+
+def test_a_robot_that_turned_back_for_a_while_still_arrives() -> None:
+    driven = moments(first("turns-back", duration_s=1.0))
+    assert driven[-1].truth.verdict == "arrived"
+
+
+@pytest.mark.parametrize("goals", ["joint-fit", "exchanged"])
+def test_a_robot_chases_another_one_wherever_that_is(goals: Any) -> None:
+    driven = moments(first("chases", seen=2, start_s=0.0), goals=goals, time_limit_s=1.5)
+    for mind, truth in zip(minds(driven), truths(driven), strict=False):
+        chased = place(truth, "2")
+        assert distance_m(mind.plan[-1], chased) < distance_m(mind.plan[0], chased)
+        assert set(mind.prediction) == {"1"}
+
+
+def test_a_chased_robot_that_stands_is_run_into() -> None:
+    driven = moments(first("chases", seen=2, start_s=0.0), fault("stops", robots=[2]), time_limit_s=5.0)
+    assert driven[-1].truth.verdict == "collision"
+
+
+def test_another_cost_makes_another_way_and_others_are_still_minded() -> None:
+    plain = moments(time_limit_s=2.5)
+    hasty = moments(
+        first("other-cost", start_s=0.0, weights={"x": 50.0, "y": 50.0, "heading": 0.0, "speed": 0.0}),
+        time_limit_s=2.5,
+    )
+    top_mps = [max(truth.robots["1"].state.speed_mps for truth in truths(run)) for run in (plain, hasty)]
+    assert top_mps[1] > 1.05 * top_mps[0]
+    assert all(set(mind.prediction) == {"1", "2"} for mind in minds(hasty)[:SOON])
+
+
+def test_the_first_of_several_behaviours_counts() -> None:
+    both = moments(first("stops"), first("turns-back"), time_limit_s=3.0)
+    assert truths(both) == truths(moments(first("stops"), time_limit_s=3.0))
+
+
+def test_without_time_decisions_are_cut_short_at_once_where_they_would_go_on() -> None:
+    driven = moments(first("no-time", duration_s=0.5))
+    cut = [mind.cut_short_at for mind in minds(driven)]
+    assert cut[:SOON] == [None] * SOON
+    assert set(cut[SOON : SOON + 5]) == {None, 0}  # None: one iteration was enough
+    assert cut[SOON + 5 :] == [None] * (len(cut) - SOON - 5)
+    assert driven[-1].truth.verdict == "arrived"
+
+
+def test_what_the_solver_fails_at_is_counted_and_not_driven() -> None:
+    driven = moments(first("solver-failure", duration_s=0.3))
+    failed = [mind.failed for mind in minds(driven)]
+    assert [bool(each) for each in failed[: SOON + 4]] == [False] * SOON + [True] * 3 + [False]
+    assert minds(driven)[-1].solver_failures == 3
+    assert driven[-1].truth.robots["2"].deadline_misses == 0
+
+
+def test_failures_are_counted_on_when_the_behaviour_changes() -> None:
+    driven = moments(first("solver-failure", duration_s=0.3), first("ignores", start_s=1.0, duration_s=0.2))
+    assert [mind.solver_failures for mind in minds(driven)[SOON + 3 :]] == [3] * (len(driven) - SOON - 4)
+    assert [mind.decision for mind in minds(driven)] == list(range(len(driven) - 1))
+
+
+def test_solver_failures_strike_a_share_of_the_steps() -> None:
+    driven = moments(fault("solver-failure", rate=0.3), time_limit_s=2.0)
+    failures = minds(driven)[-1].solver_failures
+    assert 0.1 < failures / len(driven) < 0.5
+
+
+def test_no_distance_can_be_kept_to_an_obstacle_on_top_of_the_robot() -> None:
+    driven = moments(first("infeasible", start_s=0.0), **ALONE | {"time_limit_s": 1.0})
+    plan = minds(driven)[0].plan
+    assert max(distance_m(point, (-4.0, 0.0)) for point in plan) > 1.0, "it flees"
+    healthy = minds(moments(**ALONE))[0].plan
+    assert plan != healthy

@@ -1,0 +1,97 @@
+"""Who is started again, after which pause, and who is given up."""
+
+import pytest
+
+from fleet.run.crew import Crew
+from fleet.run.supervision import BACK_OFF_S, WORLD, Restart, Supervisor
+
+
+class ScriptedCrew(Crew):
+    """Processes that end when a test says so."""
+
+    def __init__(self) -> None:
+        self.down: dict[str, int] = {}
+        self.started: list[tuple[str, float]] = []
+        self.now_s = 0.0
+
+    def statuses(self) -> dict[str, int]:
+        return dict(self.down)
+
+    def account(self, name: str) -> str:
+        return f"{name} ended"
+
+    def start_again(self, name: str) -> None:
+        del self.down[name]
+        self.started.append((name, self.now_s))
+
+
+@pytest.fixture
+def crew() -> ScriptedCrew:
+    return ScriptedCrew()
+
+
+def supervisor(crew: ScriptedCrew, restart: Restart) -> Supervisor:
+    return Supervisor(crew, restart, lambda: crew.now_s)
+
+
+def look_for(crew: ScriptedCrew, watched: Supervisor, duration_s: float) -> None:
+    until_s = crew.now_s + duration_s
+    while crew.now_s < until_s:
+        watched.look()
+        crew.now_s += 0.125
+
+
+def test_whoever_fails_at_every_start_is_given_up_after_growing_pauses(crew: ScriptedCrew) -> None:
+    watched = supervisor(crew, Restart.ON_FAILURE)
+    pauses_s = []
+    for _ in BACK_OFF_S:
+        crew.down["robot-1"], ended_s = 1, crew.now_s
+        while "robot-1" in crew.down:
+            watched.look()
+            crew.now_s += 0.125
+        pauses_s.append(crew.started[-1][1] - ended_s)
+    assert pauses_s == list(BACK_OFF_S)
+    assert watched.lost == {}
+    crew.down["robot-1"] = 1
+    look_for(crew, watched, 20.0)
+    assert watched.lost == {"robot-1": "robot-1 ended"}
+    assert len(crew.started) == len(BACK_OFF_S)
+
+
+def test_nobody_is_started_again_unasked(crew: ScriptedCrew) -> None:
+    watched = supervisor(crew, Restart.NEVER)
+    crew.down["robot-1"] = -9
+    look_for(crew, watched, 20.0)
+    assert (crew.started, watched.lost) == ([], {"robot-1": "robot-1 ended"})
+
+
+def test_an_end_that_is_wanted_is_no_loss(crew: ScriptedCrew) -> None:
+    watched = supervisor(crew, Restart.ON_FAILURE)
+    watched.excuse("robot-1")
+    crew.down["robot-1"] = -9
+    look_for(crew, watched, 20.0)
+    assert (crew.started, watched.lost) == ([], {})
+    watched.expect("robot-1")
+    look_for(crew, watched, 20.0)
+    assert [name for name, _ in crew.started] == ["robot-1"]
+
+
+@pytest.mark.parametrize(("status", "returns"), [(0, False), (1, False), (3, True), (-9, True)])
+def test_a_world_that_has_given_its_verdict_is_not_started_again(
+    crew: ScriptedCrew, status: int, returns: bool
+) -> None:
+    watched = supervisor(crew, Restart.ON_FAILURE)
+    crew.down[WORLD] = status
+    look_for(crew, watched, 1.0)
+    assert [name for name, _ in crew.started] == [WORLD] * returns
+    assert (WORLD in watched.lost) is not returns
+
+
+def test_nothing_is_started_once_the_run_is_to_end(crew: ScriptedCrew) -> None:
+    watched = supervisor(crew, Restart.ON_FAILURE)
+    crew.down[WORLD] = -9
+    watched.look()
+    watched.give_up_restarting()
+    look_for(crew, watched, 20.0)
+    assert crew.started == []
+    assert WORLD in watched.lost

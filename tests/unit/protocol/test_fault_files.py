@@ -1,0 +1,222 @@
+"""Files of faults, and faults in scenarios: read, refused in words, and written."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import TypeAdapter
+
+from protocol.faults import MAX_FAULTS, Fault, Faults
+from protocol.scenario import (
+    Scenario,
+    ScenarioError,
+    load_scenario,
+    parse_scenario,
+    scenario_text,
+    with_faults,
+)
+from scenarios import find
+
+CROSSING = load_scenario(find("2-crossing"))
+KINDS = {
+    kind.model_fields["kind"].annotation.__args__[0]: kind
+    for kind in Fault.__origin__.__args__  # type: ignore[attr-defined]
+}
+ALL_KINDS = "the kinds are kill, freeze, slow, restart-world, loss, "
+
+
+def refusal(folder: Path, text: str) -> list[str]:
+    path = folder / "broken.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ScenarioError) as raised:
+        with_faults(CROSSING, path)
+    return str(raised.value).removeprefix(str(folder) + "/").replace(f"\n{folder}/", "\n").split("\n")
+
+
+def test_the_faults_of_a_file_come_after_those_of_the_scenario(tmp_path: Path) -> None:
+    path = tmp_path / "faults.yaml"
+    path.write_text(
+        "faults:\n"
+        "  - {kind: loss, rate: 0.1, robots: [1, '2'], start_s: 3, duration_s: 4.5}\n"
+        "  - kind: leaves\n"
+        "    robots: [2]\n"
+        "    start_s: [1, 2.5]\n"
+    )
+    once = with_faults(CROSSING, path)
+    assert [fault.kind for fault in once.faults] == ["loss", "leaves"]
+    assert once.faults[0].robots == ("1", "2")
+    assert (once.faults[0].start_s, once.faults[1].start_s) == (3.0, (1.0, 2.5))
+    twice = with_faults(once, path)
+    assert twice.faults == once.faults * 2
+    assert twice.robots == CROSSING.robots
+
+
+MISTAKES = [
+    ("", "broken.yaml: the file is empty; a file of faults needs a map with faults"),
+    ("- 1\n", "broken.yaml:1: a map with faults is expected, found a list of 1"),
+    ("faults: []\n", "broken.yaml:1: faults: a list of at least 1 item is expected, found a list of 0"),
+    ("fault:\n- {kind: loss}\n", "broken.yaml:1: fault: there is no such field; did you mean 'faults'?"),
+    ("faults: {kind: loss}\n", "broken.yaml:1: faults: a list is expected, found a map"),
+    ("faults:\n- loss\n", "broken.yaml:2: faults[0]: a map with kind … is expected, found 'loss'"),
+    ("faults:\n- {rate: 1}\n", f"broken.yaml:2: faults[0].kind: this field is missing; {ALL_KINDS}"),
+    (
+        "faults:\n- {rate: 1,\n   kind: los}\n",
+        "broken.yaml:3: faults[0].kind: there is no kind 'los'; did you mean 'loss'?",
+    ),
+    ("faults:\n- kind: 7\n", f"broken.yaml:2: faults[0].kind: there is no kind '7'; {ALL_KINDS}"),
+    ("faults:\n- kind: loss\n", "broken.yaml:2: faults[0].rate: this field is missing"),
+    (
+        "faults:\n- kind: loss\n  rate: 1.5\n",
+        "broken.yaml:3: faults[0].rate: a number not greater than 1 is expected, found 1.5",
+    ),
+    (
+        "faults:\n- kind: kill\n  robotz: [1]\n",
+        "broken.yaml:3: faults[0].robotz: there is no such field; did you mean 'robots'?",
+    ),
+    (
+        "faults:\n- {kind: loss, rate: 1}\n- {kind: loss, rate: 1, start_s: soon}\n",
+        "broken.yaml:3: faults[1].start_s: a number is expected, found 'soon'",
+    ),
+    (
+        "faults:\n- {kind: loss, rate: 1, start_s: [1, soon]}\n",
+        "broken.yaml:2: faults[0].start_s[1]: a number is expected, found 'soon'",
+    ),
+    (
+        "faults:\n- {kind: loss, rate: 1, start_s: [1]}\n",
+        "broken.yaml:2: faults[0].start_s[1]: this item is missing",
+    ),
+    (
+        "faults:\n- {kind: loss, rate: 1, start_s: [3, 1]}\n",
+        "broken.yaml:2: faults[0].start_s: the first time of the interval must not be after the second",
+    ),
+    (
+        "faults:\n- {kind: loss, rate: 1, robots: 1}\n",
+        "broken.yaml:2: faults[0].robots: a list is expected, found 1",
+    ),
+    (
+        "faults:\n- kind: kill\n  robots:\n  - 1\n  - 3\n",
+        "broken.yaml:5: faults[0].robots[1]: there is no robot '3'; the robots are 1, 2",
+    ),
+    (
+        "faults:\n- {kind: stuck, seen: two}\n",
+        "broken.yaml:2: faults[0].seen: there is no robot 'two'; the robots are 1, 2",
+    ),
+    (
+        "faults:\n- {kind: other-cost, robots: [1], weights: {z: 1}}\n",
+        "broken.yaml:2: faults[0].weights.z: there is no such field; the fields here are x, y, heading",
+    ),
+    (
+        "faults:\n- {kind: other-cost, robots: [1], weights: high}\n",
+        "broken.yaml:2: faults[0].weights: a map with x, y, heading, speed is expected, found 'high'",
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "told"), MISTAKES, ids=[f"{told[12:60]}" for _, told in MISTAKES])
+def test_a_mistake_is_told_in_one_line_with_its_place(tmp_path: Path, text: str, told: str) -> None:
+    (line,) = refusal(tmp_path, text)
+    assert line.startswith(told)
+
+
+def test_several_mistakes_are_told_in_the_order_of_the_file(tmp_path: Path) -> None:
+    lines = refusal(tmp_path, "faults:\n- {kind: los}\n- {kind: loss}\n- {kind: jump, seen: 1, rate: 1}\n")
+    assert [re.split(": ", line)[:2] for line in lines] == [
+        ["broken.yaml:2", "faults[0].kind"],
+        ["broken.yaml:3", "faults[1].rate"],
+        ["broken.yaml:4", "faults[2].distance_m"],
+    ]
+
+
+def test_too_many_faults_together_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "many.yaml"
+    path.write_text("faults:\n" + "- {kind: loss, rate: 1}\n" * MAX_FAULTS)
+    full = with_faults(CROSSING, path)
+    with pytest.raises(ScenarioError, match=rf"{2 * MAX_FAULTS} faults.*at most {MAX_FAULTS}"):
+        with_faults(full, path)
+
+
+@pytest.mark.parametrize(
+    ("faults", "told"),
+    [
+        ("[{kind: los}]", "faults[0].kind: there is no kind 'los'; did you mean 'loss'?"),
+        ("[{kind: kill, robots: [9]}]", "faults[0].robots[0]: there is no robot '9'; the robots are 1, 2"),
+        ("[{kind: loss, rate: 1, rat: 2}]", "faults[0].rat: there is no such field; did you mean 'rate'?"),
+    ],
+)
+def test_mistakes_in_a_scenario_are_told_alike(faults: str, told: str) -> None:
+    text = scenario_text(CROSSING) + f"faults: {faults}\n"
+    with pytest.raises(ScenarioError) as raised:
+        parse_scenario(text, Path("hall.yaml"))
+    assert str(raised.value) == f"hall.yaml:{len(text.splitlines())}: {told}"
+
+
+NAMED = {"robots": ["1"]}
+NEEDED: dict[str, dict[str, Any]] = {
+    "delay": {"steps": 2},
+    "jitter": {"steps": 2},
+    "stuck": {"seen": "2"},
+    "ghost": {"x_m": 1.0, "y_m": -0.0, "speed_mps": 0.25},
+    "jump": {"seen": "1", "distance_m": 0.5},
+    "bias": {"seen": "2", "x_m": 1e-7, "y_m": 4.0},
+    "command-delay": {"steps": 10},
+    "chases": {"seen": "2"},
+    "other-cost": {"weights": {"x": 2.0, "heading": 0.125}},
+    "clock-step": {"offset_s": -3600.0},
+}
+
+
+@st.composite
+def any_fault(draw: st.DrawFn) -> dict[str, Any]:
+    kind = draw(st.sampled_from(sorted(KINDS)))
+    fields = KINDS[kind].model_fields
+    fault: dict[str, Any] = {"kind": kind, **NEEDED.get(kind, {})}
+    fault |= {name: NAMED[name] for name in NAMED if name in fields and fields[name].is_required()}
+    if "rate" in fields:
+        fault["rate"] = draw(st.floats(0.0, 1.0, exclude_min=True))
+    start_s = st.floats(0.0, 1e5)
+    fault["start_s"] = draw(start_s | st.tuples(start_s, start_s).map(sorted))
+    if draw(st.booleans()):
+        fault["duration_s"] = draw(st.floats(0.0, 60.0, exclude_min=True))
+    return fault
+
+
+@given(st.lists(any_fault(), max_size=5))
+def test_faults_are_read_back_as_they_are_written(faults: list[dict[str, Any]]) -> None:
+    parsed = TypeAdapter(Faults).validate_python(faults)
+    scenario = Scenario.model_validate({**dict(CROSSING), "faults": parsed})
+    read = parse_scenario(scenario_text(scenario), Path("written.yaml"))
+    assert read == scenario
+    assert repr(read) == repr(scenario)
+
+
+def test_every_kind_can_be_written_in_a_file() -> None:
+    faults = [
+        {"kind": kind} | {k: v for k, v in NAMED.items() if k in KINDS[kind].model_fields} for kind in KINDS
+    ]
+    faults = [
+        fault
+        | NEEDED.get(fault["kind"], {})
+        | ({"rate": 0.5} if "rate" in KINDS[fault["kind"]].model_fields else {})
+        for fault in faults
+    ]
+    scenario = Scenario.model_validate({**dict(CROSSING), "faults": faults})
+    read = parse_scenario(scenario_text(scenario), Path("written.yaml"))
+    assert [fault.kind for fault in read.faults] == list(KINDS)
+    assert read == scenario
+
+
+def test_a_fault_is_written_in_a_line_that_begins_with_its_kind() -> None:
+    faults = [{"kind": "nan", "rate": 1.0, "robots": ["1"], "start_s": [1.0, 2.0]}, {"kind": "pause"}]
+    scenario = Scenario.model_validate({**dict(CROSSING), "faults": faults})
+    assert scenario_text(scenario) == scenario_text(CROSSING) + (
+        "faults:\n  - {kind: nan, start_s: [1, 2], robots: [1], rate: 1}\n  - {kind: pause}\n"
+    )
+
+
+def test_absences_are_read_back_as_they_are_written() -> None:
+    away = CROSSING.robots[0].model_copy(update={"absences_s": ((0.0, 1.5), (3.0, 1e5))})
+    scenario = CROSSING.model_copy(update={"robots": [away, CROSSING.robots[1]]})
+    assert parse_scenario(scenario_text(scenario), Path("written.yaml")) == scenario

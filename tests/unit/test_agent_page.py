@@ -1,0 +1,97 @@
+"""What the page on the agent says of its options, its file and its check is what there is."""
+
+import re
+import typing
+from pathlib import Path
+
+import pytest
+import typer
+import yaml
+from markdown_it import MarkdownIt
+
+from agent.check import command
+from agent.check.findings import Device, Finding
+from agent.check.speed import DECISIONS, TIGHT
+from agent.check.world import Reached
+from agent.cli import app
+from agent.process.options import Configuration, options_in
+from protocol.device_keys import SOON
+from protocol.scene import MAX_ROBOTS, Goal
+
+PAGE = Path(__file__).parents[2] / "docs" / "agent.md"
+COMMAND = typing.cast(typing.Any, typer.main.get_command(app)).commands["agent"]
+OPTIONS = {parameter.opts[0]: parameter for parameter in COMMAND.params if parameter.name != "help"}
+NONE = {"–", "none", "must be told"}
+
+
+def rows(head: str) -> list[list[str]]:
+    """The cells of the table whose first column has this head, row by row."""
+    tokens = MarkdownIt().enable("table").parse(PAGE.read_text(encoding="utf-8"))
+    cells: list[list[str]] = []
+    found = False
+    for token in tokens:
+        if token.type == "table_open":
+            cells = []
+        elif token.type == "tr_open":
+            cells.append([])
+        elif token.type == "inline" and cells:
+            cells[-1].append(token.content)
+        elif token.type == "table_close":
+            found = cells[0][0] == head
+            if found:
+                break
+    assert found, head
+    return cells[1:]
+
+
+def code(cell: str) -> str | None:
+    """What stands in a cell as code; None where there is nothing to say."""
+    return None if cell in NONE else re.fullmatch("`([^`]+)`", cell)[1]  # type: ignore[index]
+
+
+def test_the_table_has_every_option_once() -> None:
+    named = [code(row[0]) for row in rows("option")]
+    assert len(named) == len(set(named))
+    assert set(named) == set(OPTIONS)
+
+
+@pytest.mark.parametrize("row", rows("option"), ids=lambda row: row[0])
+def test_the_table_says_of_each_option_what_is_so(row: list[str]) -> None:
+    name, environment, in_file, default, _ = row
+    parameter = OPTIONS[code(name) or ""]
+    assert code(environment) == parameter.envvar
+    assert code(in_file) == (parameter.name if parameter.name in Configuration.model_fields else None)
+    assert (default == "must be told") == parameter.required
+    if parameter.name not in ("check", "json"):
+        assert code(default) == (None if parameter.default is None else str(parameter.default))
+
+
+def test_every_name_in_the_file_is_in_the_table() -> None:
+    assert {code(row[2]) for row in rows("option")} - {None} == set(Configuration.model_fields)
+
+
+def test_the_example_can_be_used(tmp_path: Path) -> None:
+    tokens = MarkdownIt().parse(PAGE.read_text(encoding="utf-8"))
+    [example] = [token.content for token in tokens if token.type == "fence" and token.info == "yaml"]
+    path = tmp_path / "agent.yaml"
+    path.write_text(example, encoding="utf-8")
+    path.chmod(0o600)
+    assert options_in(path).keys() == yaml.safe_load(example).keys()
+
+
+def test_the_check_has_these_items_in_this_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    ready = Finding("", "ok", "")
+    monkeypatch.setattr(command, "check_world", lambda *_, **__: Reached(ready._replace(item="world")))
+    monkeypatch.setattr(command, "check_kernels", lambda: ready._replace(item="kernels"))
+    monkeypatch.setattr(command, "check_speed", lambda *_: ready._replace(item="decision time"))
+    goal = Goal(x_m=4.0, y_m=0.0, heading_rad=0.0)
+    device = Device("1", goal, "tcp/127.0.0.1:7447", None, None, "run", "ioc", "realtime", 2, None, 8, None)
+    assert [each.item for each in command.findings(device)] == [code(row[0]) for row in rows("item")]
+
+
+def test_the_numbers_on_the_page_are_those_of_the_check() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    assert f"up to {DECISIONS} decisions" in page
+    assert f"more than {100 * TIGHT:.0f} % of it" in page
+    assert f"{SOON.days} days before they expire" in page
+    assert f"1 to {MAX_ROBOTS}" in page

@@ -1,0 +1,109 @@
+"""What the repository says about itself is true, and it says nothing of the machines it was made on."""
+
+import hashlib
+import re
+import subprocess
+import tomllib
+from functools import cache
+from pathlib import Path
+
+import pytest
+from markdown_it import MarkdownIt
+from typer.testing import CliRunner
+
+from fleet.cli import app
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+OPTION = re.compile(r"--[a-z][a-z-]*")
+APACHE_2_SHA256 = "cfc7749b96f63bd31c3c42b5c471bf756814053e847c10f3eb003417bc523d30"
+"""Of the text that the Apache Software Foundation publishes."""
+
+# In parts, so that this file does not hold what it looks for.
+REGISTRY_HOSTS = [
+    ".".join(parts)
+    for parts in [
+        ("pypi", "org"),
+        ("pythonhosted", "org"),
+        ("deb", "debian", "org"),
+        ("snapshot", "debian", "org"),
+        ("archive", "ubuntu", "com"),
+        ("npmjs", "org"),
+        ("npmjs", "com"),
+        ("anaconda", "org"),
+        ("crates", "io"),
+        ("proxy", "golang", "org"),
+        ("hub", "docker", "com"),
+        ("ghcr", "io"),
+        ("quay", "io"),
+    ]
+]
+PLACES_OF_A_MACHINE = ["/".join(("", *parts, "")) for parts in [("root",), ("work", "main"), ("opt", "pypi")]]
+
+
+def files_in_git():
+    """All files of the repository, also those that are not committed yet."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    paths = [ROOT / name for name in listed.stdout.split("\0") if name]
+    return [path for path in paths if path.is_file()]
+
+
+def commands_in(document, program):
+    """What follows a program's name wherever a document shows it at the start of a line of code."""
+    found = []
+    for block in MarkdownIt().parse(document.read_text()):
+        for token in [block, *(block.children or ())]:
+            if token.type in ("fence", "code_block", "code_inline"):
+                for line in token.content.splitlines():
+                    words = line.partition("#")[0].removeprefix("$ ").split()
+                    if words and Path(words[0]).name == program:
+                        found.append(words[1:])
+    return found
+
+
+@cache
+def help_of(*command):
+    """What ``unspoken`` says about a command."""
+    said = CliRunner().invoke(app, [*command, "--help"])
+    assert said.exit_code == 0, said.output
+    return said.output
+
+
+@pytest.mark.parametrize("text", REGISTRY_HOSTS + PLACES_OF_A_MACHINE)
+def test_no_file_names_a_package_registry_or_a_place_on_the_machine_it_was_made_on(text):
+    files = files_in_git()
+    assert ROOT / "pyproject.toml" in files
+    assert [str(path) for path in files if text.encode() in path.read_bytes().lower()] == []
+
+
+def test_the_licence_is_the_whole_apache_licence():
+    assert PROJECT["license"] == "Apache-2.0"
+    assert hashlib.sha256((ROOT / "LICENSE").read_bytes()).hexdigest() == APACHE_2_SHA256
+
+
+def test_the_newest_entry_of_the_changelog_is_this_version():
+    versions = re.findall(r"^## \[?(\d+\.\d+\.\d+)\]?", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert versions[0] == PROJECT["version"]
+
+
+def test_the_readme_shows_how_to_run_and_to_test():
+    assert {("run",), ("test",)} <= {tuple(words) for words in commands_in(ROOT / "README.md", "make")}
+    assert "run" in {words[0] for words in commands_in(ROOT / "README.md", "unspoken") if words}
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_the_commands_and_options_that_a_document_names_exist(document):
+    for words in commands_in(document, "make"):
+        planned = subprocess.run(["make", "--dry-run", *words], cwd=ROOT, capture_output=True, text=True)
+        assert planned.returncode == 0, planned.stderr
+    for words in commands_in(document, "unspoken"):
+        command = words[: 2 if words[:1] in (["scenarios"], ["keys"], ["bridge"]) else 1]
+        options = set(OPTION.findall(" ".join(words[len(command) :])))
+        assert options <= set(OPTION.findall(help_of(*command))), words

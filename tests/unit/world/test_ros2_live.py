@@ -1,0 +1,176 @@
+"""A world of real robots as a run steps it, over scripted buses and a scripted clock."""
+
+import pytest
+import structlog
+from ros2_helpers import odometry_bytes, settings
+from structlog.testing import capture_logs
+from world_helpers import EPOCH, NIMBLE, command
+
+from protocol.codec import encode
+from world.clock import RealTime
+from world.inbox import Inbox
+from world.ros2.bus import MOST_WAITING, OdometryInbox
+from world.ros2.cdr import STOP
+from world.ros2.live import LiveWorld
+from world.ros2.world import OdometryWorld
+from world.run import Run
+
+QUICK = {"limits": NIMBLE.model_dump()}
+
+
+class Track:
+    """A live world with everything around it scripted; `twists` holds what robots were told, in order."""
+
+    def __init__(self, count=2, **rules):
+        self.now_s = 50.0
+        self.twists = []
+        core = OdometryWorld(settings(count, robot=QUICK, **rules), epoch=EPOCH)
+        self.odometry = OdometryInbox(core.robots, self.now)
+        self.world = LiveWorld(core, self.odometry, self, structlog.get_logger(), self.now)
+
+    def now(self):
+        return self.now_s
+
+    def put(self, robot, twist):
+        self.twists.append((robot, twist))
+
+    def told(self):
+        """What robots were told since the last time."""
+        told, self.twists = self.twists, []
+        return told
+
+    def sends(self, robot, *values, **fields):
+        payload = odometry_bytes(*values, stamp_ns=round(self.now_s * 1e9), **fields)
+        self.odometry.store(robot, payload)
+
+    def next(self, commands=None):
+        self.now_s += 0.1
+        self.sends("1")
+        self.world.advance(commands or {})
+
+
+def test_robots_are_told_to_brake_before_a_command_and_what_it_says_as_soon_as_it_comes():
+    track = Track(1)
+    track.sends("1", 0.0, 0.0, 0.0, 1.0)
+    track.world.begin()
+    [(_, braking)] = track.told()
+    assert braking.speed_mps == pytest.approx(0.7)
+    answer = command("1", track.world.step, 1.0, 0.2)
+    track.world.heed("1", answer)
+    [(robot, driving)] = track.told()
+    assert (robot, driving) == ("1", (pytest.approx(1.1), 0.2))
+
+
+def test_who_is_not_located_is_told_to_stand_and_named_in_the_log():
+    track = Track()
+    track.sends("1")
+    with capture_logs() as logs:
+        track.world.begin()
+    assert dict(track.told())["2"] == STOP
+    assert {
+        "event": "no odometry yet: not driven and not seen",
+        "robots": "2",
+        "log_level": "warning",
+    } in logs
+
+
+def test_loss_and_return_of_odometry_are_told_once_each():
+    track = Track(stale_s=0.15)
+    track.sends("1")
+    track.sends("2", 3.0)
+    with capture_logs() as logs:
+        track.world.begin()
+        for _ in range(5):
+            track.next()
+        track.sends("2", 3.0)
+        track.next()
+    about = [(each["event"], each["step"]) for each in logs if each.get("robot") == "2"]
+    assert about == [("odometry found", 1), ("odometry lost: the robot is stopped", 3), ("odometry found", 7)]
+
+
+def test_what_is_refused_is_counted_by_reason_and_each_reason_told_once():
+    track = Track()
+    track.sends("1")
+    good = odometry_bytes(1.0)
+    for payload in (b"", b"garbage", bytes(5000), good[:-1], good + b"\0", *[b"\xff" * 40] * 3):
+        track.odometry.store("2", payload)
+    track.sends("2", float("nan"))
+    track.sends("2", frame_id="map")
+    track.sends("2", orientation=(0.0, 0.0, 0.0, 0.0))
+    track.sends("2", 1e9)
+    track.sends("2", 3.0)
+    track.sends("2", 4.0)
+    with capture_logs() as logs:
+        track.world.begin()
+    assert track.world.refused_odometry == {
+        "2": {
+            "not an Odometry message": 8,
+            "not finite": 1,
+            "in another frame": 1,
+            "no rotation": 1,
+            "out of range": 1,
+            "not newer than the last one": 1,
+        }
+    }
+    refusals = [each for each in logs if each["event"] == "odometry refused"]
+    assert len(refusals) == 6
+    assert {each["robot"] for each in refusals} == {"2"}
+    assert all(each["reason"] and each["detail"] for each in refusals)
+    assert track.world.present == ("1", "2")  # what is good counts beside what is not
+
+
+def test_a_flood_of_odometry_is_bounded_and_its_newest_counts():
+    track = Track()
+    for index in range(10 * MOST_WAITING):
+        track.now_s += 1e-4
+        track.sends("1", float(index))
+    track.sends("2")
+    track.world.begin()
+    assert track.world.observations()["2"].robots["1"].x_m == 10 * MOST_WAITING - 1
+    assert track.world.refused_odometry == {}
+
+
+def test_at_the_end_everybody_is_told_to_stand():
+    track = Track(3)
+    track.sends("1", 0.0, 0.0, 0.0, 2.0)
+    track.world.begin()
+    track.told()
+    track.world.stop()
+    assert track.told() == [("1", STOP), ("2", STOP), ("3", STOP)]
+
+
+class Script:
+    """Where a run publishes: robots answer each observation, until the run is interrupted at a step."""
+
+    def __init__(self, inbox, track, last_step):
+        self.inbox, self.track, self.last_step = inbox, track, last_step
+        self.truths = []
+
+    def publish_observations(self, observations):
+        for robot, seen in observations.items():
+            self.inbox.store_command(robot, encode(command(robot, seen.step, 1.0)))
+
+    def publish_truth(self, truth):
+        self.truths.append(truth)
+        self.track.now_s += 0.1
+        self.track.sends("1", speed_mps=0.1 * truth.step)
+        if truth.step == self.last_step:
+            self.inbox.interrupt()
+
+
+def test_a_run_steps_it_as_it_steps_a_simulated_world():
+    track = Track(1)
+    inbox = Inbox(track.world.robots)
+    script = Script(inbox, track, last_step=5)
+    clock = RealTime(0.1, track.now)
+    run = Run(track.world, clock, inbox, script, structlog.get_logger(), heed=track.world.heed)
+    inbox.store_presence("1", present=True)
+    run.wait_for_robots(0.0)
+    track.sends("1")
+    track.world.begin()
+    verdict = run.drive().verdict
+    assert verdict == "interrupted"
+    assert [truth.step for truth in script.truths] == [1, 2, 3, 4, 5, 5]
+    assert script.truths[-1].robots["1"].deadline_misses == 0
+    speeds = [round(twist.speed_mps, 6) for _, twist in track.told()]
+    assert speeds[1::2][:4] == [0.1, 0.2, 0.3, 0.4]  # with each command; before it, what brakes

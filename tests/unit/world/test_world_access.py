@@ -1,0 +1,103 @@
+"""Whom a world lets in: what it refuses to start with, and what it warns of."""
+
+import pytest
+import structlog
+from structlog.testing import capture_logs
+from world_helpers import lanes
+from world_processes import WorldProcess, write_scenario
+
+from protocol.identity import new_passwords, write_users
+from protocol.keys import BENCH_NAME, Keys
+from world.access import SPARE_SESSIONS, Access, AccessError
+
+KEYS = Keys("run")
+ROBOTS = ("1", "2")
+HERE = "tcp/127.0.0.1:7447"
+NETWORK = "tcp/0.0.0.0:7447"
+
+
+@pytest.fixture
+def users(tmp_path):
+    path = tmp_path / "users"
+    write_users(path, new_passwords([BENCH_NAME, *ROBOTS]))
+    return path
+
+
+def session(access):
+    """The settings, and what was warned of."""
+    with capture_logs() as log:
+        settings = access.session(KEYS, ROBOTS, structlog.get_logger())
+    return settings, [entry["event"] for entry in log if entry["log_level"] == "warning"]
+
+
+def test_with_passwords_the_policy_is_enforced_and_nothing_is_warned_of(users):
+    settings, warnings = session(Access(HERE, users))
+    assert warnings == []
+    assert {subject.usernames for subject in settings.access_control.subjects} == {
+        ("1",),
+        ("2",),
+        (BENCH_NAME,),
+    }
+    assert settings.transport.auth.usrpwd.dictionary_file == str(users)
+    assert settings.transport.unicast.max_sessions == 2 * len(ROBOTS) + SPARE_SESSIONS
+
+
+def test_without_any_proof_a_world_says_that_it_is_open():
+    settings, warnings = session(Access(HERE))
+    assert settings.access_control is None
+    assert warnings == ["no policy: whoever connects may read and say anything"]
+
+
+def test_a_world_that_others_can_reach_needs_keys_or_to_be_told(users):
+    for access in (Access(NETWORK), Access(NETWORK, users)):
+        with pytest.raises(AccessError, match=r"can be reached from other machines.*--keys.*--insecure"):
+            session(access)
+    settings, warnings = session(Access(NETWORK, users, insecure=True))
+    assert settings.access_control is not None
+    assert warnings == [
+        "insecure: anyone on the network can read what is said here, and pretend to be a robot"
+    ]
+
+
+def test_a_robot_without_password_is_named(tmp_path):
+    path = tmp_path / "users"
+    write_users(path, new_passwords(["1"]))
+    with pytest.raises(AccessError, match="no password for robot 2;"):
+        session(Access(HERE, path))
+
+
+def test_passwords_that_others_can_read_are_refused(users):
+    users.chmod(0o644)
+    with pytest.raises(AccessError, match="others can read"):
+        session(Access(HERE, users))
+
+
+def test_keys_and_endpoint_go_together(tmp_path, users):
+    for access, told in (
+        (Access(HERE, keys=tmp_path), "is not encrypted"),
+        (Access("tls/127.0.0.1:7447"), "the folder with the keys of this device is expected in --keys"),
+        (Access("tls/127.0.0.1:7447", users), "is expected in --keys"),
+        (Access("tls/[::1]:7447", keys=tmp_path), "at an IPv6 address"),
+        (Access("tls/127.0.0.1:7447", keys=tmp_path / "none"), "there is no such folder"),
+        (Access("tls/127.0.0.1:7447", users, tmp_path), "--users or --keys is expected"),
+    ):
+        with pytest.raises(AccessError, match=told):
+            session(access)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--listen", NETWORK), "say --insecure"),
+        (("--listen", HERE, "--users", "/nowhere/users"), "/nowhere/users: cannot be read"),
+        (("--listen", "tls/0.0.0.0:7447"), "'unspoken keys create'"),
+    ],
+)
+def test_wrong_access_is_wrong_usage_without_a_traceback(tmp_path, arguments, told):
+    path = write_scenario(tmp_path / "scenario.yaml", lanes(2))
+    with WorldProcess("--scenario", path, *arguments) as world:
+        status, complained = world.end()
+    assert status == 2
+    assert complained.startswith("world: ")
+    assert told in complained
+    assert "Traceback" not in complained
