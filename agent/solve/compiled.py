@@ -23,7 +23,7 @@ _PACKAGE = Path(__file__).parents[1]
 OPTIMISATION = 1
 """Of numba's 0 to 3: more costs a quarter more time to compile and makes no kernel faster."""
 _COMPLETE = "complete"
-_WITH_KERNELS = re.compile(r"^from agent\.compiled import kernel$", re.MULTILINE)
+_WITH_KERNELS = re.compile(rf"^from {re.escape(__name__)} import kernel$", re.MULTILINE)
 _IMPORT = re.compile(r"^from (\S+) import", re.MULTILINE)
 _kernels: list[Any] = []
 
