@@ -10,10 +10,10 @@ from collections.abc import Iterable, Iterator
 
 from rich.table import Table
 
-from fleet.bench.durations import Record
-from fleet.bench.layout import new_table, number
 from fleet.bench.settings import Settings
 from fleet.bench.watch import Watch
+from fleet.record.report_file import Record
+from fleet.record.tables import new_table, number
 from fleet.run.crew import ProcessFailedError
 
 LOOK_S = 0.2

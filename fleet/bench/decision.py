@@ -8,10 +8,11 @@ from rich.table import Table
 
 from agent.agent import Agent
 from fleet.bench.crossings import random_crossing
-from fleet.bench.durations import Distribution, Duration, Record, Timer, Times
-from fleet.bench.layout import new_table, number
+from fleet.bench.durations import Distribution, Duration, Timer, Times
 from fleet.bench.settings import Settings
 from fleet.bench.watch import Watch
+from fleet.record.report_file import Record
+from fleet.record.tables import new_table, number
 from protocol.scenario import Scenario, load_scenario
 from scenarios import find
 from world.world import World

@@ -5,13 +5,8 @@ from collections.abc import Iterable
 from typing import NamedTuple, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 
-
-class Record(BaseModel):
-    """Base of everything in a report: no unknown fields, only finite numbers."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
+from fleet.record.report_file import Record
 
 
 class Duration(NamedTuple):

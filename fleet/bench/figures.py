@@ -11,12 +11,12 @@ from fleet.bench.bus import BusRow
 from fleet.bench.comparison import ComparisonRow
 from fleet.bench.compiling import CompilingRow
 from fleet.bench.decision import DecisionRow
-from fleet.bench.durations import Record
 from fleet.bench.prediction import PredictionRow
 from fleet.bench.runs import RunRow
 from fleet.bench.settings import SectionName, Settings
 from fleet.bench.startup import StartupRow
 from fleet.bench.watch import Watch
+from fleet.record.report_file import Record
 
 
 class Figures(Record):

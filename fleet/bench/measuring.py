@@ -4,13 +4,13 @@ import time
 from collections import defaultdict
 
 from agent.process.warm import warm_up
-from fleet.bench.durations import Record
 from fleet.bench.figures import SECTIONS, Figures
-from fleet.bench.machine import this_machine
 from fleet.bench.report import Report
 from fleet.bench.settings import SectionName, Settings
 from fleet.bench.targets import judge
 from fleet.bench.watch import Watch
+from fleet.record.machine import this_machine
+from fleet.record.report_file import Record
 from fleet.run.compiling import announced, compile_solver
 
 

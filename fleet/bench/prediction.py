@@ -6,10 +6,11 @@ from rich.table import Table
 
 from fleet.bench.closed_loop import Solved, TimedSolver, drive, shortfall_m
 from fleet.bench.crossings import circle, random_crossing
-from fleet.bench.durations import Record, Times
-from fleet.bench.layout import new_table, number
+from fleet.bench.durations import Times
 from fleet.bench.settings import Settings
 from fleet.bench.watch import Watch
+from fleet.record.report_file import Record
+from fleet.record.tables import new_table, number
 from protocol.scenario import Scenario, load_scenario
 from scenarios import find
 

@@ -6,11 +6,11 @@ from pydantic import Field
 from rich.console import Console
 
 from fleet.bench import targets
-from fleet.bench.durations import Record
 from fleet.bench.figures import SECTIONS, Figures
-from fleet.bench.machine import Machine
 from fleet.bench.settings import Settings
 from fleet.bench.targets import Target
+from fleet.record.machine import Machine
+from fleet.record.report_file import Record
 
 
 class Report(Record):

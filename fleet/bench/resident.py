@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import psutil
 
-MIB = 2.0**20
+from fleet.record.machine import MIB
 
 
 class Taken(NamedTuple):

@@ -7,13 +7,13 @@ from pathlib import Path
 
 from rich.table import Table
 
-from fleet.bench.durations import Record
-from fleet.bench.layout import new_table, number
 from fleet.bench.resident import agents, taken_by
 from fleet.bench.settings import Settings
 from fleet.bench.watch import Watch
+from fleet.record.report_file import Record
 from fleet.record.stream import BusMessage
 from fleet.record.summary import Summary, Tally
+from fleet.record.tables import new_table, number
 from fleet.run.experiment import Experiment, prepare
 from fleet.run.live import run_processes
 from protocol.messages import Truth

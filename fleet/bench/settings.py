@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from fleet.bench.durations import Record
+from fleet.record.report_file import Record
 
 
 class SectionName(StrEnum):

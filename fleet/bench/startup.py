@@ -10,11 +10,11 @@ import zenoh
 from rich.table import Table
 
 from fleet.bench.crossings import circle
-from fleet.bench.durations import Record
-from fleet.bench.layout import new_table, number
 from fleet.bench.resident import agents, taken_by
 from fleet.bench.settings import Settings
 from fleet.bench.watch import Watch
+from fleet.record.report_file import Record
+from fleet.record.tables import new_table, number
 from fleet.run.crew import Crew, ProcessFailedError
 from protocol.keys import Keys
 from protocol.messages import PublicScene

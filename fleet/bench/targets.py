@@ -5,9 +5,9 @@ from typing import Literal
 
 from rich.table import Table
 
-from fleet.bench.durations import Record
 from fleet.bench.figures import Figures
-from fleet.bench.layout import new_table, number
+from fleet.record.report_file import Record
+from fleet.record.tables import new_table, number
 
 PREDICTION_P99_MS = {8: 10.0, 16: 25.0, 32: 100.0}
 """By number of robots."""

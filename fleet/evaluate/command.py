@@ -10,9 +10,9 @@ import typer
 from agent.__main__ import checked_goals
 from agent.estimate import DEFAULT_GOALS, GoalsName
 from agent.solve import SolverName
-from fleet.bench.machine import this_machine
 from fleet.evaluate.evaluation import Evaluation
 from fleet.evaluate.noise import GRAMMAR, LevelError, levels_in
+from fleet.record.machine import this_machine
 from fleet.scenarios.suite import Suite, load_suite
 from protocol.scenario import ScenarioError
 from world.process import ExitStatus

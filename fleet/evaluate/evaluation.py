@@ -8,10 +8,10 @@ from pydantic import Field, field_serializer
 
 from agent.estimate import GoalsName
 from agent.solve import SolverName
-from fleet.bench.durations import Record
-from fleet.bench.machine import Machine
 from fleet.evaluate.noise import NoiseLevel, needs_seeds, with_noise
 from fleet.evaluate.row import RunKey
+from fleet.record.machine import Machine
+from fleet.record.report_file import Record
 from protocol.scenario import Scenario
 
 

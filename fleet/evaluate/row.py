@@ -4,8 +4,8 @@ from typing import Annotated, Any, NamedTuple, Self
 
 from pydantic import Field
 
-from fleet.bench.durations import Record
 from fleet.evaluate.noise import NoiseLevel
+from fleet.record.report_file import Record
 from fleet.record.summary import Phases, Summary
 
 FAILED = "failed"

@@ -5,8 +5,8 @@ from statistics import median
 
 from rich.table import Table
 
-from fleet.bench.layout import new_table, number
 from fleet.evaluate.row import Row
+from fleet.record.tables import new_table, number
 
 
 def method_table(rows: Sequence[Row]) -> Table:

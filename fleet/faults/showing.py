@@ -5,8 +5,8 @@ from statistics import median
 
 from rich.table import Table
 
-from fleet.bench.layout import new_table, number
 from fleet.faults.trial import Outcome
+from fleet.record.tables import new_table, number
 
 
 def case_table(outcomes: Sequence[Outcome]) -> Table:

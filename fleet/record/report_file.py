@@ -1,10 +1,11 @@
-"""Reports as JSON: into a file, or to the standard output for other programs."""
+"""Reports as JSON: the base of their records, and where they are written."""
 
 import sys
 from pathlib import Path
 from typing import Annotated, Final
 
 import typer
+from pydantic import BaseModel, ConfigDict
 from rich.console import Console
 
 TO_STDOUT: Final = Path("-")
@@ -18,6 +19,12 @@ JsonOption = Annotated[
         allow_dash=True,
     ),
 ]
+
+
+class Record(BaseModel):
+    """Base of everything in a report: no unknown fields, only finite numbers."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
 
 
 def write_report(text: str, path: Path, errors: Console) -> bool:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from fleet.inject.director import Director
 from fleet.interruption import Interruption
+from fleet.record.address import left_in
 from fleet.record.stream import StreamItem
 from fleet.run.compiling import compile_solver
 from fleet.run.crew import Crew
@@ -13,7 +14,6 @@ from fleet.run.experiment import Experiment
 from fleet.run.listening import Bench
 from fleet.run.roles import Roles
 from fleet.run.supervision import WORLD, Restart, Supervisor
-from fleet.status.reach import left_in
 
 
 def run_processes(
@@ -46,7 +46,7 @@ def run_processes(
         supervisor = Supervisor(crew, restart)
         director = Director(experiment, crew, supervisor)
         bench = Bench(experiment.facts.run, crew, supervisor, director, interruption)
-        with bench.connect(roles.bench()) as session, left_in(log_directory.parent, roles.reach()):
+        with bench.connect(roles.bench()) as session, left_in(log_directory.parent, roles.address()):
             yield from bench.subscribe(session)
             for robot in experiment.scenario.robots:
                 for role in roles.of_robot(robot):

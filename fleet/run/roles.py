@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from fleet.inject.casting import Faults
+from fleet.record.address import Address
 from fleet.run.experiment import Experiment
 from fleet.run.supervision import WORLD
-from fleet.status.reach import Reach
 from protocol.identity import Login, new_passwords, write_password, write_users
 from protocol.keys import BENCH_NAME
 from protocol.scenario import ScenarioRobot
@@ -111,10 +111,10 @@ class Roles:
         """The session of the bench."""
         return client_session(self._endpoint, self._logins.bench)
 
-    def reach(self) -> Reach:
+    def address(self) -> Address:
         """How somebody else of this user's can listen, too."""
         run, password_file = self._experiment.facts.run, self._logins.bench_file
-        return Reach(endpoint=self._endpoint, run=run, password_file=password_file)
+        return Address(endpoint=self._endpoint, run=run, password_file=password_file)
 
     def world(self) -> Role:
         """The world, which begins when the bench listens."""

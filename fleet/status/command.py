@@ -13,14 +13,14 @@ from rich.console import Console
 
 from agent.__main__ import key_name
 from fleet.interruption import Interruption
-from fleet.status.listening import UnreachableError, is_listened_at, listening
-from fleet.status.reach import NoRunError, Reach, is_going_on, only_run, reach_of
+from fleet.record.address import Address, NoRunError, address_of, is_going_on, only_run
+from fleet.status.listener import UnreachableError, is_listened_at, listening
 from fleet.status.standing import Status
 from fleet.status.table import Follower, follow_live, shown
 from protocol.identity import Identity, IdentityError, client_identity
 from protocol.keys import BENCH_NAME
 
-NO_RUN, WRONG_USAGE, UNREACHABLE = 1, 2, 3
+NO_RUN, WRONG_USAGE, UNADDRESSABLE = 1, 2, 3
 
 
 def status(
@@ -62,19 +62,19 @@ def status(
     try:
         if connect is None:
             directory = run_directory or only_run()
-            reach = _lasting(directory)
-            password_file = reach.password_file
-            goes_on: Callable[[Status], bool] = partial(_goes_on, directory, reach.endpoint)
+            address = _lasting(directory)
+            password_file = address.password_file
+            goes_on: Callable[[Status], bool] = partial(_goes_on, directory, address.endpoint)
         else:
-            reach, goes_on = Reach(endpoint=connect, run=run, password_file=password_file), _always
-        identity = client_identity(BENCH_NAME, reach.endpoint, password_file, keys, datetime.now(UTC))
-        ended = _show(reach, identity, goes_on, once=once, as_json=as_json)
+            address, goes_on = Address(endpoint=connect, run=run, password_file=password_file), _always
+        identity = client_identity(BENCH_NAME, address.endpoint, password_file, keys, datetime.now(UTC))
+        ended = _show(address, identity, goes_on, once=once, as_json=as_json)
     except NoRunError as error:
         _fail(error, NO_RUN)
     except IdentityError as error:
         _fail(error, WRONG_USAGE)
     except UnreachableError as error:
-        _fail(error, UNREACHABLE)
+        _fail(error, UNADDRESSABLE)
     except KeyboardInterrupt:
         return
     except BrokenPipeError:  # whoever reads has seen enough
@@ -85,13 +85,13 @@ def status(
 
 
 def _show(
-    reach: Reach, identity: Identity, goes_on: Callable[[Status], bool], *, once: bool, as_json: bool
+    address: Address, identity: Identity, goes_on: Callable[[Status], bool], *, once: bool, as_json: bool
 ) -> bool:
     """Show it as is wanted; False where the run has ended without a verdict."""
     console = Console(highlight=False)
     with (
         Interruption() as interruption,
-        listening(reach.endpoint, identity, reach.run, interruption) as listener,
+        listening(address.endpoint, identity, address.run, interruption) as listener,
     ):
         follower = Follower(listener, interruption, goes_on)
         if as_json and not once:
@@ -110,12 +110,12 @@ def _print_json(status: Status) -> None:
     print(status.model_dump_json(), flush=True)
 
 
-def _lasting(directory: Path) -> Reach:
+def _lasting(directory: Path) -> Address:
     """How a run is reached whose world is there."""
-    reach = reach_of(directory)
-    if not is_listened_at(reach.endpoint):
+    address = address_of(directory)
+    if not is_listened_at(address.endpoint):
         raise NoRunError(f"{directory}: this run has ended; its bench was ended without being able to say so")
-    return reach
+    return address
 
 
 def _goes_on(directory: Path, endpoint: str, status: Status) -> bool:

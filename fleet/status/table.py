@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from fleet.interruption import Interruption
-from fleet.status.listening import Listener
+from fleet.status.listener import Listener
 from fleet.status.standing import RobotState, RobotStatus, Spread, Status, WorldStatus
 
 COLOURS: Final[dict[RobotState, str]] = {

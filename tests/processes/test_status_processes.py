@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from process_helpers import PATIENCE_S, UNSPOKEN, Bench, Process, endless, lanes, until, write_scenario
 
-from fleet.status.reach import FILE
+from fleet.record.address import FILE
 from protocol.identity import new_passwords, write_password, write_users
 
 Start = Callable[..., Process]

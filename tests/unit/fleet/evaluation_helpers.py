@@ -10,10 +10,10 @@ import yaml
 from click.testing import Result
 from typer.testing import CliRunner
 
-from fleet.bench.machine import this_machine
 from fleet.cli import app
 from fleet.evaluate import conducting
 from fleet.evaluate.evaluation import Evaluation
+from fleet.record.machine import this_machine
 from fleet.scenarios.suite import load_suite
 
 SHORT = {

@@ -8,7 +8,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from fleet.cli import app
-from fleet.status.reach import FILE, NoRunError, Reach, is_going_on, left_in, only_run, reach_of
+from fleet.record.address import FILE, Address, NoRunError, address_of, is_going_on, left_in, only_run
 from fleet.status.standing import QUIET_S, WINDOW_S, Recent, Spread, Standing
 from fleet.status.table import shown
 from protocol.messages import Command, Mind, PublicScene, State, Timings, TrueRobot, Truth
@@ -16,7 +16,7 @@ from protocol.scene import PublicRobot, Scene
 
 ROBOTS = ("a", "b")
 STEP_S = 0.1
-REACH = Reach(endpoint="tcp/127.0.0.1:7447", run="r", password_file=None)
+ADDRESS = Address(endpoint="tcp/127.0.0.1:7447", run="r", password_file=None)
 
 
 def truth(step, *, epoch=1, arrived=(), verdict=None, robots=ROBOTS, **told):
@@ -199,25 +199,25 @@ def test_a_robot_of_any_name_is_shown_as_it_is():
 
 
 def test_the_way_to_a_run_is_for_its_owner_alone_and_goes_with_it(tmp_path):
-    with left_in(tmp_path, REACH):
+    with left_in(tmp_path, ADDRESS):
         assert stat.S_IMODE((tmp_path / FILE).stat().st_mode) == 0o600
         assert is_going_on(tmp_path)
-        assert reach_of(tmp_path) == REACH
+        assert address_of(tmp_path) == ADDRESS
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(NoRunError, match="this run has ended"):
-        reach_of(tmp_path)
+        address_of(tmp_path)
 
 
 def test_what_a_killed_bench_has_left_is_replaced(tmp_path):
     (tmp_path / FILE).write_text("old")
     with pytest.raises(NoRunError, match="not what a run leaves there"):
-        reach_of(tmp_path)
-    with left_in(tmp_path, REACH):
-        assert reach_of(tmp_path) == REACH
+        address_of(tmp_path)
+    with left_in(tmp_path, ADDRESS):
+        assert address_of(tmp_path) == ADDRESS
 
 
 def test_a_run_goes_on_where_the_way_to_it_cannot_be_left(tmp_path):
-    with left_in(tmp_path / "nowhere", REACH):
+    with left_in(tmp_path / "nowhere", ADDRESS):
         pass
 
 
@@ -226,9 +226,9 @@ def test_the_only_run_is_found_and_several_are_named(tmp_path):
         only_run(tmp_path)
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
-    with left_in(tmp_path / "one", REACH):
+    with left_in(tmp_path / "one", ADDRESS):
         assert only_run(tmp_path) == tmp_path / "one"
-        with left_in(tmp_path / "two", REACH), pytest.raises(NoRunError, match=r"2 runs .*one, .*two"):
+        with left_in(tmp_path / "two", ADDRESS), pytest.raises(NoRunError, match=r"2 runs .*one, .*two"):
             only_run(tmp_path)
 
 
@@ -256,7 +256,7 @@ def test_what_cannot_be_looked_at_is_told_in_a_line(arguments, status, told):
 
 
 def test_a_run_of_which_only_the_way_is_left_has_ended(tmp_path):
-    (tmp_path / FILE).write_text(json.dumps(REACH.model_dump() | {"endpoint": "tcp/127.0.0.1:1"}))
+    (tmp_path / FILE).write_text(json.dumps(ADDRESS.model_dump() | {"endpoint": "tcp/127.0.0.1:1"}))
     exit_status, output = invoke(tmp_path)
     assert exit_status == 1
     assert "its bench was ended without being able to say so" in output

@@ -22,7 +22,7 @@ class NoRunError(Exception):
     """There is no run to look at; the text says what there is and what to do."""
 
 
-class Reach(Settings):
+class Address(Settings):
     """What it takes to listen to a run as its bench does."""
 
     endpoint: str
@@ -33,12 +33,12 @@ class Reach(Settings):
 
 
 @contextmanager
-def left_in(directory: Path, reach: Reach) -> Iterator[None]:
+def left_in(directory: Path, address: Address) -> Iterator[None]:
     """Leave it in a run's directory for as long as the block lasts; a run goes on without it, too."""
     path = directory / FILE
     try:
         path.unlink(missing_ok=True)
-        write_private(path, reach.model_dump_json())
+        write_private(path, address.model_dump_json())
     except OSError as error:
         log.warning("this run cannot be looked at by its directory", path=str(path), reason=error.strerror)
     try:
@@ -52,7 +52,7 @@ def is_going_on(directory: Path) -> bool:
     return (directory / FILE).exists()
 
 
-def reach_of(directory: Path) -> Reach:
+def address_of(directory: Path) -> Address:
     """How the run of this directory is reached.
 
     Raises:
@@ -60,7 +60,7 @@ def reach_of(directory: Path) -> Reach:
     """
     path = directory / FILE
     try:
-        return Reach.model_validate_json(path.read_text(encoding="utf-8"))
+        return Address.model_validate_json(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         what = "this run has ended" if directory.is_dir() else "there is no such directory"
         raise NoRunError(

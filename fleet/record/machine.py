@@ -8,9 +8,9 @@ from pathlib import Path
 
 import psutil
 
-from fleet.bench.durations import Record
-from fleet.bench.resident import MIB
+from fleet.record.report_file import Record
 
+MIB = 2.0**20
 LIBRARIES = ("numpy", "numba", "casadi", "eclipse-zenoh", "pydantic")
 
 
