@@ -1,21 +1,20 @@
 """Algorithm 1: remember, estimate, predict, plan, act. No input or output, no clock, no thread."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import count
+from typing import Self
 
 from agent.drive.commands import GivenCommands, first_input, second_input, without_a_plan
 from agent.drive.monitor import CollisionMonitor
 from agent.drive.vigilance import Vigilance
 from agent.estimate import GoalsName
 from agent.estimate.interface import known_goal
-from agent.methods import method_of
+from agent.methods import Method, method_of
 from agent.remember.perception import Perception
 from agent.solve import ITERATIONS, SolverName, joint_solver
 from agent.solve.deadline import Clock, Deadline, Stopwatch
 from agent.solve.planning import Plan, plan_of
 from agent.solve.prediction import Prediction
-from agent.solve.problem import JointSolver
 from agent.solve.vehicle import Array
 from protocol.arrival import has_arrived
 from protocol.messages import Command, Degradation, Mind, Observation, Phase, Positions, State
@@ -56,19 +55,40 @@ class Agent:
         robot: this robot's id.
         goal: its own goal, which it tells nobody.
         scene: what everybody may know.
-        goals: how it comes to know what the others will do: a name that ``agent.methods`` knows.
-        solver: how trajectory problems are solved: a name that ``agent.solve.joint_solver`` knows.
+        method: its estimator, predictor and planner, made for this robot and scene.
         clock: times the phases for ``mind``; it changes no decision.
-        iterations: of the real-time solver a problem, at most.
-        deadline: after it a decision improves its trajectories no further; None for no limit.
-        through: what every trajectory problem goes through on its way to the solver.
 
-    Raises:
-        ValueError: the estimator needs something that the scene does not hold.
+    Attributes:
+        goal: where it drives from the next decision on; another one may be set.
+        perception: what it has seen so far; :meth:`decide` adds to it.
     """
 
     def __init__(
         self,
+        robot: str,
+        goal: Goal,
+        scene: Scene,
+        method: Method,
+        clock: Clock,
+    ) -> None:
+        self._robot = robot
+        self.goal = goal
+        self._scene = scene
+        self._clock = clock
+        self.perception = Perception(scene, robot)
+        self._memory = self.perception.memory
+        self._estimator, self._predictor, self._planner, self._deadline = method
+        self._vigilance = Vigilance(scene, robot)
+        self._monitor = CollisionMonitor(scene, robot)
+        self._arrived_at: Goal | None = None
+        self._parked: set[str] = set()
+        self._given = GivenCommands(self._limits, scene.step_s)
+        self._solver_failures = 0
+        self._ordinals = count()
+
+    @classmethod
+    def of(
+        cls,
         robot: str,
         goal: Goal,
         scene: Scene,
@@ -78,25 +98,26 @@ class Agent:
         clock: Clock,
         iterations: int = ITERATIONS,
         deadline: Deadline | None = None,
-        through: Callable[[JointSolver], JointSolver] = lambda solver: solver,
-    ) -> None:
-        self._robot = robot
-        self._goal = goal
-        self._scene = scene
-        self._clock = clock
-        self._perception = Perception(scene, robot)
-        self._memory = self._perception.memory
-        self._deadline = deadline or Deadline(clock, None)
-        trajectories = through(joint_solver(solver, iterations, self._deadline))
-        method = method_of(goals, scene, robot, trajectories, self._deadline)
-        self._estimator, self._predictor, self._planner = method
-        self._vigilance = Vigilance(scene, robot)
-        self._monitor = CollisionMonitor(scene, robot)
-        self._arrived = False
-        self._parked: set[str] = set()
-        self._given = GivenCommands(self._limits, scene.step_s)
-        self._solver_failures = 0
-        self._ordinals = count()
+    ) -> Self:
+        """A robot with the method and the solver of these names.
+
+        Args:
+            robot: as of the class.
+            goal: as of the class.
+            scene: as of the class.
+            goals: how it comes to know what the others will do: a name that ``agent.methods`` knows.
+            solver: of trajectory problems: a name that ``agent.solve.joint_solver`` knows.
+            clock: as of the class.
+            iterations: of the real-time solver a problem, at most.
+            deadline: after it a decision improves its trajectories no further; None for no limit.
+
+        Raises:
+            ValueError: the estimator needs something that the scene does not hold.
+            ModuleNotFoundError: ORCA's library is not installed.
+        """
+        deadline = deadline or Deadline(clock, None)
+        method = method_of(goals, scene, robot, joint_solver(solver, iterations, deadline), deadline)
+        return cls(robot, goal, scene, method, clock)
 
     def decide(self, observation: Observation) -> Decision | None:
         """One turn of algorithm 1.
@@ -107,14 +128,14 @@ class Agent:
         """
         if self._robot not in observation.robots or observation.step <= self._memory.step:
             return None
-        refused = self._take_in(observation)
+        refused = self.perception.take_in(observation, self._given.driven_before(observation.step))
         if self._robot not in self._memory.robots:
             return None
         watch = Stopwatch(self._clock)
         self._deadline.begin()
         if self._memory.saw_last_step(self._robot):
             self._given.withdraw_late(self._memory.previous_input(self._robot), self._memory.step)
-        self._arrived = self._has_arrived()
+        self._arrived_at = self.goal if self._has_arrived() else None
         thought = _Thought() if self._arrived else self._think(watch)
         self._solver_failures += len(thought.failed)
         self._monitor.watch(self._memory, thought.prediction, observation.accuracy)
@@ -136,23 +157,14 @@ class Agent:
         """Take back the command of the last decision, which came too late to be given."""
         self._given.withdraw()
 
-    def remember(self, observation: Observation) -> None:
-        """Take in what was seen at a step without a decision on it."""
-        self._take_in(observation)
-
-    def redirect(self, goal: Goal) -> None:
-        """Drive to another goal from the next decision on."""
-        self._goal = goal
-        self._arrived = False
-
-    def _take_in(self, observation: Observation) -> set[str]:
-        """Returns whose sightings are not believed."""
-        return self._perception.take_in(observation, self._given.driven_before(observation.step))
+    @property
+    def _arrived(self) -> bool:
+        return self._arrived_at is not None
 
     def _has_arrived(self) -> bool:
         """For good, if it was seen without noise; otherwise only as long as it looks like that."""
-        for_good = self._arrived and self._memory.is_exact(self._robot)
-        return for_good or self._is_at(self._goal, self._robot)
+        for_good = self._arrived_at == self.goal and self._memory.is_exact(self._robot)
+        return for_good or self._is_at(self.goal, self._robot)
 
     def _think(self, watch: Stopwatch) -> _Thought:
         with watch.phase("estimate"):
@@ -168,7 +180,7 @@ class Agent:
     def _plan(self, prediction: Prediction) -> Plan:
         if self._estimator.goals_are_shared:
             return plan_of(prediction, self._robot)
-        goal = known_goal(self._goal, self._memory.state(self._robot))
+        goal = known_goal(self.goal, self._memory.state(self._robot))
         return self._planner.plan(self._memory, goal, self._previous_input(), prediction)
 
     def _act(self, thought: _Thought) -> tuple[Input, Input | None, Degradation | None]:

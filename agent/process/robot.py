@@ -17,7 +17,6 @@ from agent.process.warm import compile_in_background, warm_up
 from agent.solve import SolverName
 from agent.solve.compiled import forbid_compiling
 from agent.solve.deadline import Deadline
-from agent.solve.problem import JointSolver
 from protocol.codec import OtherVersionError, encode
 from protocol.identity import Identity, Login
 from protocol.keys import Keys
@@ -46,24 +45,13 @@ class RobotOptions:
     budget_s: float | None
 
 
-def make_agent(
-    options: RobotOptions,
-    scene: Scene,
-    deadline: Deadline | None = None,
-    through: Callable[[JointSolver], JointSolver] = lambda solver: solver,
-) -> Agent:
+def make_agent(options: RobotOptions, scene: Scene) -> Agent:
     """The algorithm itself.
-
-    Args:
-        options: what the robot is told.
-        scene: of its world.
-        deadline: of its decisions; None for that of the options.
-        through: see :class:`agent.agent.Agent`.
 
     Raises:
         ValueError: the estimator needs something that the scene does not hold.
     """
-    return Agent(
+    return Agent.of(
         options.robot,
         options.goal,
         scene,
@@ -71,8 +59,7 @@ def make_agent(
         solver=options.solver,
         clock=time.perf_counter,
         iterations=options.iterations,
-        deadline=deadline or Deadline(time.perf_counter, options.budget_s),
-        through=through,
+        deadline=Deadline(time.perf_counter, options.budget_s),
     )
 
 

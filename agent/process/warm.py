@@ -89,7 +89,7 @@ def warm_up(goals: GoalsName, solver: SolverName) -> float:
     """
     begin_s = time.perf_counter()
     scene = Scene(robots=dict.fromkeys(MEETING, PublicRobot()), horizons=HORIZONS, goals=GOALS)
-    agent = Agent("1", GOALS["1"], scene, goals=goals, solver=solver, clock=time.perf_counter)
+    agent = Agent.of("1", GOALS["1"], scene, goals=goals, solver=solver, clock=time.perf_counter)
     tracks = {
         robot: rollout(np.array(state), TURN.repeat(HORIZONS.estimation_steps + 2, axis=0), scene.step_s)
         for robot, state in MEETING.items()

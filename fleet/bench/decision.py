@@ -51,7 +51,7 @@ def measure(settings: Settings, watch: Watch) -> Iterator[DecisionRow]:
 def _row(scenario: Scenario, most: int, watch: Watch) -> DecisionRow:
     world, scene = World(scenario, seed=0, epoch=0), scenario.scene(with_goals=False)
     agents = {
-        robot.id: Agent(
+        robot.id: Agent.of(
             robot.id, robot.goal_pose(), scene, goals="ioc", solver="realtime", clock=time.thread_time
         )
         for robot in scenario.robots

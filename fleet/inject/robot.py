@@ -11,7 +11,9 @@ import typer
 
 import agent.__main__
 from agent.agent import Agent, Decision
-from agent.process.robot import Decides, RobotOptions, make_agent
+from agent.methods import method_of
+from agent.process.robot import Decides, RobotOptions
+from agent.solve import joint_solver
 from agent.solve.deadline import Deadline
 from agent.solve.problem import JointSolver
 from fleet.inject.robot_mind import RobotMind
@@ -30,7 +32,9 @@ def make_faulty(options: RobotOptions, scene: Scene) -> Decides:
     """
 
     def make(scene: Scene, deadline: Deadline, through: Callable[[JointSolver], JointSolver]) -> Agent:
-        return make_agent(options, scene, deadline, through)
+        solver = through(joint_solver(options.solver, options.iterations, deadline))
+        method = method_of(options.goals, scene, options.robot, solver, deadline)
+        return Agent(options.robot, options.goal, scene, method, time.perf_counter)
 
     faults = faults_told(scene)
     mind = RobotMind(make, options.robot, scene, faults, clock=time.perf_counter, budget_s=options.budget_s)

@@ -30,7 +30,7 @@ class MakeAgent(Protocol):
     def __call__(
         self, scene: Scene, deadline: Deadline, through: Callable[[JointSolver], JointSolver], /
     ) -> Agent:
-        """See :class:`agent.agent.Agent` for the arguments.
+        """An agent with this deadline, whose trajectory problems go through that on the way to its solver.
 
         Raises:
             ValueError: the estimator needs something that the scene does not hold.
@@ -129,7 +129,7 @@ class RobotMind:
         agent = self._make(scene, deadline, lambda solver: StruckSolver(solver, self._struck))
         self._driven_to = None
         for seen in self._past:
-            agent.remember(self._behaviour.view(seen))
+            agent.perception.take_in(self._behaviour.view(seen), driven=None)
         return agent
 
     def _drive_to(self, goal: Goal | None) -> None:
@@ -138,7 +138,7 @@ class RobotMind:
         self._driven_to = goal
         if self._goals is not None:
             self._goals[self._robot] = goal
-        self._agent.redirect(goal)
+        self._agent.goal = goal
 
     def _said(self, decision: Decision, observation: Observation) -> Decision:
         """What the robot says of its decision, counted on from before the algorithm began anew."""

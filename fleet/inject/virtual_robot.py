@@ -6,8 +6,11 @@ from collections.abc import Callable, Sequence
 import structlog
 
 from agent.agent import Agent, Decision
+from agent.methods import method_of
 from agent.process.inbox import Inbox
+from agent.solve import joint_solver
 from agent.solve.deadline import Clock, Deadline
+from agent.solve.problem import JointSolver
 from fleet.inject.link import Link
 from fleet.inject.robot_mind import RobotMind, mind_faults
 from fleet.inject.schedule import Scheduled
@@ -86,16 +89,14 @@ def virtual_robot(
         ValueError: its estimator needs something that the scene does not hold.
     """
 
+    def make(scene: Scene, deadline: Deadline, through: Callable[[JointSolver], JointSolver]) -> Agent:
+        solver = through(joint_solver(facts.solver, facts.iterations, deadline))
+        method = method_of(facts.goals, scene, robot.id, solver, deadline)
+        return Agent(robot.id, robot.goal_pose(), scene, method, clock)
+
     def make_mind() -> Agent | RobotMind:
         if not mind_faults(faults, robot.id):
             return agent_of(robot, scene, facts, clock, Deadline(clock, facts.budget_s))
-        return RobotMind(
-            lambda scene, deadline, through: agent_of(robot, scene, facts, clock, deadline, through),
-            robot.id,
-            scene,
-            faults,
-            clock=clock,
-            budget_s=facts.budget_s,
-        )
+        return RobotMind(make, robot.id, scene, faults, clock=clock, budget_s=facts.budget_s)
 
     return VirtualRobot(Link(faults, robot.id, scene), epoch, make_mind)

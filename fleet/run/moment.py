@@ -1,11 +1,10 @@
 """One step of a run in virtual time, and the robots that take part in it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from agent.agent import Agent, Decision
 from agent.solve.deadline import Clock, Deadline
-from agent.solve.problem import JointSolver
 from fleet.run.experiment import RunFacts
 from protocol.messages import Command, Observation, Truth
 from protocol.scenario import ScenarioRobot
@@ -33,7 +32,6 @@ def agent_of(
     facts: RunFacts,
     clock: Clock,
     deadline: Deadline,
-    through: Callable[[JointSolver], JointSolver] = lambda solver: solver,
 ) -> Agent:
     """A robot of a run, which has not seen anything yet.
 
@@ -41,7 +39,7 @@ def agent_of(
         ValueError: its estimator needs something that the scene does not hold.
         ModuleNotFoundError: the library of a baseline is not installed here.
     """
-    return Agent(
+    return Agent.of(
         robot.id,
         robot.goal_pose(),
         scene,
@@ -50,5 +48,4 @@ def agent_of(
         clock=clock,
         iterations=facts.iterations,
         deadline=deadline,
-        through=through,
     )

@@ -47,7 +47,7 @@ def main() -> None:
     """Compile what a robot needs that is told nothing else, and decide without compiling anything more."""
     compiled_s = warm_up(DEFAULT_GOALS, "realtime")
     forbid_compiling()
-    robot = Agent("1", GOAL, SCENE, goals=DEFAULT_GOALS, solver="realtime", clock=time.perf_counter)
+    robot = Agent.of("1", GOAL, SCENE, goals=DEFAULT_GOALS, solver="realtime", clock=time.perf_counter)
     for observation in observations():
         begin_s = time.perf_counter()
         decision = robot.decide(observation)

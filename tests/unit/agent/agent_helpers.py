@@ -40,7 +40,7 @@ SOLVERS: dict[str, JointSolver] = {
 
 def published() -> dict[str, Any]:
     """Scenario 8a as the publication's plot data show it; see fleet/report/publication.md."""
-    path = Path(__file__).parents[3] / "fleet" / "reporting" / "publication.json"
+    path = Path(__file__).parents[3] / "fleet" / "report" / "publication.json"
     content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))["scenario_8a"]
     return content
 

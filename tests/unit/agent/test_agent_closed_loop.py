@@ -23,7 +23,7 @@ def run(
     scene = scenario.scene(with_goals=goals == "exchanged")
     world = World(scenario, seed=seed, epoch=EPOCH)
     agents = {
-        robot.id: Agent(robot.id, robot.goal_pose(), scene, goals=goals, solver=solver, clock=lambda: 0.0)
+        robot.id: Agent.of(robot.id, robot.goal_pose(), scene, goals=goals, solver=solver, clock=lambda: 0.0)
         for robot in scenario.robots
     }
     minds = []

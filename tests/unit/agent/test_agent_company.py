@@ -24,7 +24,7 @@ def agent_of(
     goal: Goal = GOAL, *, goals="constant-acceleration", shared=None, robots: str = "abc", solver="realtime"
 ) -> Agent:
     scene = scene_of(robots, goals=shared)
-    return Agent("a", goal, scene, goals=goals, solver=solver, clock=lambda: 0.0)
+    return Agent.of("a", goal, scene, goals=goals, solver=solver, clock=lambda: 0.0)
 
 
 def parked_path(mind: Mind, robot: str) -> bool:

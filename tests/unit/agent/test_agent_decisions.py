@@ -56,7 +56,7 @@ def agent_of(
     goal: Goal = AHEAD, *, scene: Scene | None = None, goals: GoalsName = "constant-acceleration"
 ) -> Agent:
     scene = scene or scene_of("ab", goals=GOALS if goals == "exchanged" else None)
-    return Agent("a", goal, scene, goals=goals, solver="reference", clock=lambda: 0.0)
+    return Agent.of("a", goal, scene, goals=goals, solver="reference", clock=lambda: 0.0)
 
 
 def decided(agent: Agent, step: int, states: Mapping[str, tuple[float, ...]]) -> Decision:
@@ -185,7 +185,7 @@ def test_repeated_old_and_blind_observations_are_not_answered():
 
 def test_agents_given_the_same_decide_the_same_whatever_their_clocks_say():
     def run(clock) -> list[tuple[bytes, object]]:
-        agent = Agent("a", LEFT, scene_of("ab"), goals="ioc", solver="reference", clock=clock)
+        agent = Agent.of("a", LEFT, scene_of("ab"), goals="ioc", solver="reference", clock=clock)
         state, decisions = A, []
         for step in range(18):
             decision = decided(agent, step, {"a": state, "b": (0.5, -4.0 + 0.1 * step, math.pi / 2, 1.0)})
@@ -200,7 +200,7 @@ def test_agents_given_the_same_decide_the_same_whatever_their_clocks_say():
 
 def test_the_phases_of_a_decision_are_timed(solver):
     readings = iter(range(100))
-    agent = Agent(
+    agent = Agent.of(
         "a",
         AHEAD,
         scene_of("ab"),

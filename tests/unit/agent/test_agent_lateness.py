@@ -44,7 +44,7 @@ class Whims:
 def agent_with(whims: Whims, scene: Any, goal: Goal, monkeypatch: pytest.MonkeyPatch) -> Agent:
     monkeypatch.setattr("agent.methods.Predictor", lambda *_: whims)
     monkeypatch.setattr("agent.methods.Planner", lambda *_: whims)
-    return Agent("a", goal, scene, goals="constant-acceleration", solver="reference", clock=lambda: 0.0)
+    return Agent.of("a", goal, scene, goals="constant-acceleration", solver="reference", clock=lambda: 0.0)
 
 
 def moving(step: int, *inputs: tuple[float, float]) -> Observation:

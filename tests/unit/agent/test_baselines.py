@@ -43,7 +43,7 @@ def predicted(goals: GoalsName, other: tuple[float, ...], driven: tuple[float, f
 
 
 def agent_of(goals: GoalsName, robots: str = "abc") -> Agent:
-    return Agent("a", GOAL, scene_of(robots), goals=goals, solver="realtime", clock=lambda: 0.0)
+    return Agent.of("a", GOAL, scene_of(robots), goals=goals, solver="realtime", clock=lambda: 0.0)
 
 
 def orca() -> OrcaPlanner:
@@ -94,7 +94,7 @@ def test_the_others_are_predicted_alone_and_the_ego_plans_around_them_to_its_tru
 def test_without_a_self_prediction_a_plan_starts_cold_and_then_from_the_last_one_a_step_on():
     scene, solver = scene_of("ab"), Watched()
     memory = remembered({"a": np.array([EGO]), "b": np.array([(0.0, 0.3, math.pi, 0.5)])})
-    _, predictor, planner = method_of("constant-velocity", scene, "a", solver, NEVER)
+    _, predictor, planner, _ = method_of("constant-velocity", scene, "a", solver, NEVER)
     goal, plans = np.array([4.0, 0.0, 0.0, 0.0]), []
     for _ in range(2):
         prediction = predictor.predict(memory, {}, ())
@@ -111,7 +111,7 @@ def test_without_a_self_prediction_a_plan_starts_cold_and_then_from_the_last_one
 def test_after_a_failed_plan_the_next_one_starts_cold():
     scene, solver = scene_of("a"), Watched()
     memory = remembered({"a": np.array([EGO])})
-    _, predictor, planner = method_of("constant-velocity", scene, "a", solver, NEVER)
+    _, predictor, planner, _ = method_of("constant-velocity", scene, "a", solver, NEVER)
     for solver.solved in (True, False, True):
         asked = len(solver.asked)
         planner.plan(memory, np.array([4.0, 0.0, 0.0, 0.0]), STANDSTILL, predictor.predict(memory, {}, ()))

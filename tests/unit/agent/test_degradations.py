@@ -1,16 +1,17 @@
 """How a robot says that it is degraded, and what it drives then; and where it is when nobody believes it."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from agent_helpers import euler, scene_of, seen
+from agent_helpers import NEVER, SOLVERS, euler, scene_of, seen
 
 from agent.agent import Agent, Decision
 from agent.drive.monitor import CollisionMonitor
 from agent.drive.vigilance import BLIND_STEPS
+from agent.methods import method_of
 from agent.remember.gate import REACQUIRED_AFTER
 from agent.remember.memory import LONGEST_GAP
 from agent.solve.problem import JointProblem, JointSolver, Solution, Start
@@ -37,16 +38,10 @@ class Failing:
         return replace(solution, solved=solution.solved and not self.fails)
 
 
-def agent_of(through: Callable[[JointSolver], JointSolver] = lambda solver: solver) -> Agent:
-    return Agent(
-        "a",
-        GOAL,
-        scene_of("ab"),
-        goals="constant-acceleration",
-        solver="realtime",
-        clock=lambda: 0.0,
-        through=through,
-    )
+def agent_of(solver: JointSolver = SOLVERS["realtime"]) -> Agent:
+    scene = scene_of("ab")
+    method = method_of("constant-acceleration", scene, "a", solver, NEVER)
+    return Agent("a", GOAL, scene, method, lambda: 0.0)
 
 
 class Drive:
@@ -129,17 +124,12 @@ def test_the_stop_for_want_of_sight_is_told_and_brakes():
 
 
 def test_a_problem_that_was_not_solved_is_told():
-    solvers: list[Failing] = []
-
-    def through(solver: JointSolver) -> JointSolver:
-        solvers.append(Failing(solver))
-        return solvers[-1]
-
-    drive = Drive(agent_of(through))
+    solver = Failing(SOLVERS["realtime"])
+    drive = Drive(agent_of(solver))
     drive.on()
-    solvers[0].fails = True
+    solver.fails = True
     assert drive.on().mind.degraded == ("solver failure",)
-    solvers[0].fails = False
+    solver.fails = False
     assert drive.on().mind.degraded == ()
 
 

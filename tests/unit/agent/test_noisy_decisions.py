@@ -19,7 +19,9 @@ PARKED = (3.0, 3.0, 0.0, 0.0)
 
 
 def agent_of(*others: str, goal: Goal = GOAL) -> Agent:
-    return Agent("a", goal, scene_of(["a", *others]), goals="joint-fit", solver="realtime", clock=lambda: 0.0)
+    return Agent.of(
+        "a", goal, scene_of(["a", *others]), goals="joint-fit", solver="realtime", clock=lambda: 0.0
+    )
 
 
 def decided(agent: Agent, step: int, *states: Any, **how: Any) -> Decision:

@@ -94,7 +94,7 @@ def test_the_joint_prediction_drives_all_robots_along_the_published_trace(scenar
 def test_eight_agents_drive_along_the_published_trace(scenario):
     scene = scenario.scene(with_goals=True)
     agents = {
-        robot.id: Agent(
+        robot.id: Agent.of(
             robot.id, robot.goal_pose(), scene, goals="exchanged", solver="realtime", clock=lambda: 0.0
         )
         for robot in scenario.robots

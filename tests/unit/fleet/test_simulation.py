@@ -66,7 +66,7 @@ def test_a_robot_decides_on_what_its_own_sensors_see(experiment: Experiment) -> 
     )
     assert seen["1"] != seen["2"], "their sensors are noisy"
     for robot in experiment.scenario.robots:
-        agent = Agent(
+        agent = Agent.of(
             robot.id,
             robot.goal_pose(),
             experiment.scenario.scene(with_goals=False),
