@@ -4,7 +4,6 @@ from enum import IntEnum
 from typing import Any
 
 import typer
-from click import Context
 from typer.core import TyperCommand, TyperGroup
 
 
@@ -39,7 +38,7 @@ class Refusal(Exception):
 class Refusing:
     """Of a command line: ends with the sentence and the status of a refusal."""
 
-    def invoke(self, ctx: Context) -> Any:
+    def invoke(self, ctx: Any) -> Any:  # typer keeps the type of its context to itself
         """Run the command."""
         try:
             return super().invoke(ctx)  # type: ignore[misc]

@@ -9,6 +9,8 @@ import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+from chassis.refusal import Refusal
+
 _CORE = "tag:yaml.org,2002:"
 _MAP, _LIST, _MERGE = _CORE + "map", _CORE + "seq", _CORE + "merge"
 _SCALARS = {_CORE + kind for kind in ("str", "int", "float", "bool", "null", "timestamp")}
@@ -368,7 +370,7 @@ MAX_FILE_BYTES = 1024 * 1024
 M = TypeVar("M", bound=BaseModel)
 
 
-class YamlFileError(Exception):
+class YamlFileError(Refusal):
     """A file that cannot be used; the text says where, what was found and what was expected."""
 
 

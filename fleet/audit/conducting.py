@@ -19,8 +19,8 @@ from fleet.audit.showing import STEPS_HEADER, conclusion, first_of, robot_table,
 from fleet.interruption import Interruption
 from fleet.record.recording import RecordingError
 from fleet.record.report_file import TO_STDOUT, write_report
-from fleet.run.compiling import announced, compile_solver
-from fleet.run.crew import ProcessFailedError
+from fleet.run.processes import ProcessFailedError
+from fleet.run.progress import announced, compile_solver
 from protocol.messages import Observation
 from world.process import ExitStatus
 

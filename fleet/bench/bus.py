@@ -15,7 +15,7 @@ from fleet.bench.stars import Protection, star
 from fleet.bench.watch import Watch
 from fleet.record.report_file import Record
 from fleet.record.tables import new_table, number
-from fleet.run.crew import Crew, ProcessFailedError
+from fleet.run.processes import Processes, ProcessFailedError
 from protocol.keys import Keys
 from protocol.messages import PublicScene
 from world.bus import Bus
@@ -54,14 +54,17 @@ def _row(robots: int, protection: Protection, rounds: int, watch: Watch) -> BusR
     observations = World(scenario, seed=0, epoch=EPOCH).observations()
     inbox = Inbox(observations)
     durations_ms = []
-    with tempfile.TemporaryDirectory(prefix="unspoken-bench-") as directory, Crew(Path(directory)) as crew:
+    with (
+        tempfile.TemporaryDirectory(prefix="unspoken-bench-") as directory,
+        Processes(Path(directory)) as processes,
+    ):
         bus_star = star(protection, Path(directory), keys, list(observations))
         with zenoh.open(bus_star.world.to_zenoh()) as session:
             bus = Bus(session, keys, scene, tuple(observations), inbox)
             for robot in observations:
                 settings = {"robot": robot, "run": RUN, "connect": bus_star.connect}
-                crew.start(f"echo-{robot}", "fleet.bench.echo", settings | bus_star.proofs[robot])
-            _wait_for_all(robots, inbox, crew, watch)
+                processes.start(f"echo-{robot}", "fleet.bench.echo", settings | bus_star.proofs[robot])
+            _wait_for_all(robots, inbox, processes, watch)
             for step in range(rounds):
                 watch.tell(f"bus: {robots} robots, {protection}, round {step + 1}")
                 now = {robot: each.model_copy(update={"step": step}) for robot, each in observations.items()}
@@ -75,10 +78,10 @@ def _row(robots: int, protection: Protection, rounds: int, watch: Watch) -> BusR
     )
 
 
-def _wait_for_all(robots: int, inbox: Inbox, crew: Crew, watch: Watch) -> None:
+def _wait_for_all(robots: int, inbox: Inbox, processes: Processes, watch: Watch) -> None:
     while (present := len(inbox.take(LOOK_S).present)) < robots:
         watch.tell(f"bus: {present} of {robots} robots are there")
-        if ended := crew.ended():
+        if ended := processes.ended():
             raise ProcessFailedError("\n".join(ended.values()))
 
 

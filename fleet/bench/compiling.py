@@ -14,7 +14,7 @@ from fleet.bench.settings import Settings
 from fleet.bench.watch import Watch
 from fleet.record.report_file import Record
 from fleet.record.tables import new_table, number
-from fleet.run.crew import ProcessFailedError
+from fleet.run.processes import ProcessFailedError
 
 LOOK_S = 0.2
 WARM_UP = """

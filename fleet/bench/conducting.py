@@ -11,7 +11,7 @@ from fleet.bench.settings import Settings
 from fleet.bench.watch import Watch
 from fleet.interruption import Interruption
 from fleet.record.report_file import TO_STDOUT, write_report
-from fleet.run.crew import ProcessFailedError
+from fleet.run.processes import ProcessFailedError
 from world.process import ExitStatus
 
 WIDTH = 120

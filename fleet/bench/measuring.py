@@ -11,7 +11,7 @@ from fleet.bench.targets import judge
 from fleet.bench.watch import Watch
 from fleet.record.machine import this_machine
 from fleet.record.report_file import Record
-from fleet.run.compiling import announced, compile_solver
+from fleet.run.progress import announced, compile_solver
 
 
 class Measuring:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from fleet.keys.authority import LOCAL_HOSTS, Device, folder_of
 from fleet.keys.folders import create
-from fleet.run.roles import Logins
+from fleet.run.launch import Logins
 from protocol.device_keys import load_device_keys
 from protocol.keys import WORLD_NAME, Keys
 from protocol.policy import access_control, rights_of

@@ -15,7 +15,7 @@ from fleet.bench.settings import Settings
 from fleet.bench.watch import Watch
 from fleet.record.report_file import Record
 from fleet.record.tables import new_table, number
-from fleet.run.crew import Crew, ProcessFailedError
+from fleet.run.processes import Processes, ProcessFailedError
 from protocol.keys import Keys
 from protocol.messages import PublicScene
 from protocol.scenario import Scenario, ScenarioRobot
@@ -64,15 +64,18 @@ def _start(scenario: Scenario, watch: Watch) -> tuple[float, float, float]:
         Time until all are ready in s; CPU time in s and resident memory in MiB of one, at the most.
     """
     count = len(scenario.robots)
-    with tempfile.TemporaryDirectory(prefix="unspoken-bench-") as directory, Crew(Path(directory)) as crew:
+    with (
+        tempfile.TemporaryDirectory(prefix="unspoken-bench-") as directory,
+        Processes(Path(directory)) as processes,
+    ):
         endpoint = f"unixsock-stream/{directory}/world.sock"
         with _waiting_world(scenario, endpoint) as inbox:
             begin_s = time.perf_counter()
             for robot in scenario.robots:
-                crew.start(f"robot-{robot.id}", "agent", _robot_settings(robot, endpoint))
+                processes.start(f"robot-{robot.id}", "agent", _robot_settings(robot, endpoint))
             while len(inbox.take(LOOK_S).present) < count:
                 watch.tell(f"start-up of {count}: {time.perf_counter() - begin_s:.1f} s")
-                if ended := crew.ended():
+                if ended := processes.ended():
                     raise ProcessFailedError("\n".join(ended.values()))
             ready_s = time.perf_counter() - begin_s
             taken = [each for each in map(taken_by, agents()) if each is not None]

@@ -13,9 +13,8 @@ from fleet.evaluate.evaluation import Evaluation, Run
 from fleet.evaluate.results import Results, ResultsError
 from fleet.evaluate.table import method_table
 from fleet.interruption import Interruption
-from fleet.run.compiling import announced, compile_solver
-from fleet.run.crew import ProcessFailedError
-from fleet.run.progress import progress_of_many
+from fleet.run.processes import ProcessFailedError
+from fleet.run.progress import announced, compile_solver, progress_of_many
 from world.process import ExitStatus
 
 WIDTH = 110

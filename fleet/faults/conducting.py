@@ -12,9 +12,8 @@ from fleet.faults.showing import case_table, failure_lines
 from fleet.faults.trial import Outcome, Trial, execute, without_result
 from fleet.interruption import Interruption
 from fleet.record.report_file import TO_STDOUT, write_report
-from fleet.run.compiling import announced, compile_solver
-from fleet.run.crew import ProcessFailedError
-from fleet.run.progress import progress_of_many
+from fleet.run.processes import ProcessFailedError
+from fleet.run.progress import announced, compile_solver, progress_of_many
 from world.process import ExitStatus
 
 VERSION = 1

@@ -9,10 +9,10 @@ from typing import Any
 import structlog
 
 from fleet.inject.schedule import Scheduled, schedule
-from fleet.run.crew import Crew
 from fleet.run.experiment import Experiment
-from fleet.run.roles import name_of
-from fleet.run.supervision import WORLD, Supervisor
+from fleet.run.launch import name_of
+from fleet.run.processes import Processes
+from fleet.run.supervisor import WORLD, Supervisor
 from protocol.faults import Freeze, Kill, Pause, RecorderDies, RestartWorld
 from protocol.messages import Truth
 
@@ -31,7 +31,7 @@ class Director:
 
     Args:
         experiment: whose faults these are.
-        crew: the processes.
+        processes: the processes.
         supervisor: is told whose end is wanted.
         now_s: a monotonic clock.
     """
@@ -39,12 +39,12 @@ class Director:
     def __init__(
         self,
         experiment: Experiment,
-        crew: Crew,
+        processes: Processes,
         supervisor: Supervisor,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         scenario = experiment.scenario
-        self._crew, self._supervisor, self._now_s = crew, supervisor, now_s
+        self._processes, self._supervisor, self._now_s = processes, supervisor, now_s
         faults = schedule(scenario.faults, seed=experiment.facts.seed, step_s=scenario.step_s)
         self._of_robots: list[Scheduled[Any]] = [each for each in faults if isinstance(each.fault, OF_ROBOTS)]
         self._of_all: list[Scheduled[Any]] = [each for each in faults if isinstance(each.fault, OF_ALL)]
@@ -95,11 +95,11 @@ class Director:
     def _set_frozen(self, wanted: set[str]) -> None:
         for name in wanted - self._frozen:
             log.warning("stopped by a fault", process=name)
-            self._crew.signal(name, signal.SIGSTOP)
+            self._processes.signal(name, signal.SIGSTOP)
         thawed, self._frozen = self._frozen - wanted, wanted
         for name in thawed:
             log.warning("goes on", process=name)
-            self._crew.signal(name, signal.SIGCONT)
+            self._processes.signal(name, signal.SIGCONT)
 
     def _strike_all(self, fault: RestartWorld | Pause | RecorderDies) -> None:
         match fault:
@@ -119,14 +119,14 @@ class Director:
     def _kill(self, name: str) -> None:
         log.warning("killed by a fault", process=name)
         self._supervisor.excuse(name)
-        self._crew.signal(name, signal.SIGKILL)
+        self._processes.signal(name, signal.SIGKILL)
 
     def _start_again(self, name: str) -> None:
         log.warning("started again after a fault", process=name)
         self._supervisor.expect(name)
-        self._crew.start_again(name)
+        self._processes.start_again(name)
 
     def _signal_all(self, number: signal.Signals) -> None:
-        for name in self._crew.names():
+        for name in self._processes.names():
             if name not in self._frozen:
-                self._crew.signal(name, number)
+                self._processes.signal(name, number)

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Self
 
+from chassis.refusal import Refusal
 from fleet.inject.full_disk import FullDisk
 from fleet.record.picture import Course, draw_paths
 from fleet.record.recording import Recorder
@@ -12,7 +13,7 @@ from fleet.run.experiment import Experiment
 from protocol.messages import Truth
 
 
-class OutputError(Exception):
+class OutputError(Refusal):
     """The output directory cannot be used; the text says why and what to do."""
 
 
@@ -34,12 +35,11 @@ class Output:
         self._disk = FullDisk(scenario.faults, seed=experiment.facts.seed, step_s=scenario.step_s)
         self._recorder = Recorder(directory / "run.mcap", experiment.facts, text, self._disk.open)
 
-    def __enter__(self) -> Self:
-        """Make the directory and open the recording.
+    def make_directory(self) -> None:
+        """Make the directory.
 
         Raises:
-            OutputError: the directory cannot be made, or holds something.
-            RecordingError: the recording cannot be opened.
+            Refusal: it cannot be made, or holds something.
         """
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
@@ -49,6 +49,13 @@ class Output:
                 )
         except OSError as error:
             raise OutputError(f"{self.directory} cannot be used for the output: {error.strerror}") from error
+
+    def __enter__(self) -> Self:
+        """Open the recording.
+
+        Raises:
+            RecordingError: it cannot be opened.
+        """
         self._recorder.__enter__()
         return self
 

@@ -15,6 +15,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import MCAP0_MAGIC, Writer
 from pydantic import ValidationError
 
+from chassis.refusal import Refusal
 from fleet.run.experiment import RunFacts
 from protocol.messages import Command, Message, Mind, Observation, PublicScene, Truth
 
@@ -77,7 +78,7 @@ ENDING: Final = _shortest_ending()
 """The shortest end of an MCAP file: one without an index, which readers then do without."""
 
 
-class RecordingError(Exception):
+class RecordingError(Refusal):
     """A recording that cannot be written or read; the text names the file, what is wrong and what helps."""
 
 

@@ -14,9 +14,9 @@ from fleet.report.composing import PREFIX, compose
 from fleet.report.material import Material
 from fleet.report.page import Page
 from fleet.report.rerunning import shown_again
-from fleet.run.compiling import announced, compile_solver
-from fleet.run.crew import ProcessFailedError
 from fleet.run.experiment import SHARING
+from fleet.run.processes import ProcessFailedError
+from fleet.run.progress import announced, compile_solver
 from protocol.messages import Truth
 from protocol.scenario import scenario_text
 from world.process import ExitStatus

@@ -12,15 +12,15 @@ import zenoh
 
 from fleet.interruption import Interruption
 from fleet.record.stream import KINDS, TOO_MANY, BusMessage, RefusedMind, Restarted, StreamItem
-from fleet.run.crew import Crew, ProcessFailedError
-from fleet.run.supervision import WORLD, Supervisor
+from fleet.run.processes import Processes, ProcessFailedError
+from fleet.run.supervisor import WORLD, Supervisor
 from protocol.codec import MessageError, decode
 from protocol.keys import Keys
 from protocol.messages import Command, Message, Mind, PublicScene, Refusal, Truth
 from protocol.session import SessionSettings, open_in_background, reason_of
 
 
-class Stragglers:
+class Outstanding:
     """Tells from a run's messages whether commands of the last step are still on their way to the bench.
 
     A command goes to the world and to the bench at the same time, so the truth that the world makes of it can
@@ -64,7 +64,7 @@ OVERHEAD_BYTES = 512
 """What a message takes beside its payload, so that empty ones count too."""
 
 
-class Letter(NamedTuple):
+class Received(NamedTuple):
     """A message as it came."""
 
     key: str
@@ -79,7 +79,7 @@ class Mailbox:
     """
 
     def __init__(self) -> None:
-        self._letters: SimpleQueue[tuple[str | None, Letter]] = SimpleQueue()
+        self._letters: SimpleQueue[tuple[str | None, Received]] = SimpleQueue()
         self._lock = threading.Lock()
         self._waiting_bytes: Counter[str] = Counter()
         self._lost: Counter[str] = Counter()
@@ -90,7 +90,7 @@ class Mailbox:
         with self._lock:
             return dict(self._lost)
 
-    def put(self, sender: str | None, letter: Letter) -> None:
+    def put(self, sender: str | None, letter: Received) -> None:
         """A message has come; None: from the world."""
         if sender is not None:
             with self._lock:
@@ -100,7 +100,7 @@ class Mailbox:
                 self._waiting_bytes[sender] += _size(letter)
         self._letters.put((sender, letter))
 
-    def get(self, timeout_s: float) -> Letter:
+    def get(self, timeout_s: float) -> Received:
         """Wait for the next message.
 
         Raises:
@@ -117,11 +117,11 @@ class Mailbox:
         return self._letters.empty()
 
 
-def _size(letter: Letter) -> int:
+def _size(letter: Received) -> int:
     return len(letter.payload) + OVERHEAD_BYTES
 
 
-class Intake:
+class Decoder:
     """Decodes and judges what comes, in its order.
 
     A robot may put anything on its command and its mind key, as often as it likes; the bench keeps the first
@@ -139,7 +139,7 @@ class Intake:
         self._step = 0
         self._last: dict[str, int] = {}
 
-    def take(self, letter: Letter) -> BusMessage | RefusedMind | None:
+    def take(self, letter: Received) -> BusMessage | RefusedMind | None:
         """The message, if it is to be recorded, or a mind that is not.
 
         Raises:
@@ -168,7 +168,7 @@ class Intake:
         if isinstance(message, Truth):
             self._step = message.step
 
-    def _judge(self, kind: type[Command | Mind], robot: str, letter: Letter) -> Command | Mind | Refusal:
+    def _judge(self, kind: type[Command | Mind], robot: str, letter: Received) -> Command | Mind | Refusal:
         try:
             message = decode(kind, letter.payload)
         except MessageError:
@@ -213,27 +213,32 @@ class Directs(Protocol):
         """A new epoch begins."""
 
 
-class Bench:
+class Subscriber:
     """The listening side. Callbacks only store; everything else happens where the messages are taken.
 
     Args:
         run: its name.
-        crew: the processes.
+        processes: the processes.
         supervisor: says who of them has ended for good.
         director: makes them fail.
         interruption: looked at while waiting.
     """
 
     def __init__(
-        self, run: str, crew: Crew, supervisor: Supervisor, director: Directs, interruption: Interruption
+        self,
+        run: str,
+        processes: Processes,
+        supervisor: Supervisor,
+        director: Directs,
+        interruption: Interruption,
     ) -> None:
         self._keys = Keys(run)
-        self._crew = crew
+        self._processes = processes
         self._supervisor = supervisor
         self._director = director
         self._interruption = interruption
         self._mailbox = Mailbox()
-        self._intake = Intake(self._keys)
+        self._decoder = Decoder(self._keys)
         self._begun = False
         self._scene_due = True
         self._told_to_end = False
@@ -274,7 +279,7 @@ class Bench:
 
     def listen(self) -> Iterator[StreamItem]:
         """Messages up to the truth with the verdict, and those that it has overtaken."""
-        stragglers, truth = Stragglers(), None
+        stragglers, truth = Outstanding(), None
         while truth is None or truth.verdict is None:
             yield from self._look_after_all()
             try:  # what processes said before they ended counts first, and may still be on its way
@@ -305,7 +310,7 @@ class Bench:
         self._hand_on_interruption()
         self._supervisor.look()
         self._director.look()
-        for name in self._crew.take_started_again():
+        for name in self._processes.take_started_again():
             if name == WORLD:
                 self._begun, self._scene_due = False, True
                 self._director.world_started_again()
@@ -315,13 +320,13 @@ class Bench:
         """The scene, if the world answers already."""
         for reply in self._session.get(self._keys.scene, timeout=SCENE_TIMEOUT_S):
             if reply.ok is not None:
-                letter = Letter(self._keys.scene, reply.ok.payload.to_bytes(), time.time_ns())
+                letter = Received(self._keys.scene, reply.ok.payload.to_bytes(), time.time_ns())
                 for item in self._taken(letter):
                     self._scene_due = False
                     yield item
                 return
 
-    def _take_in(self, stragglers: Stragglers) -> Iterator[StreamItem]:
+    def _take_in(self, stragglers: Outstanding) -> Iterator[StreamItem]:
         """Messages until the last command is there, or none has come for a while."""
         while stragglers.on_their_way():
             try:
@@ -337,12 +342,12 @@ class Bench:
     def _store(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
         sender = self._keys.robot_of(key) if self._keys.kind_of(key) in SAID_BY_ROBOTS else None
-        self._mailbox.put(sender, Letter(key, sample.payload.to_bytes(), time.time_ns()))
+        self._mailbox.put(sender, Received(key, sample.payload.to_bytes(), time.time_ns()))
 
-    def _taken(self, letter: Letter) -> Iterator[BusMessage | RefusedMind]:
+    def _taken(self, letter: Received) -> Iterator[BusMessage | RefusedMind]:
         """What is to be told of a message, if anything is."""
         try:
-            item = self._intake.take(letter)
+            item = self._decoder.take(letter)
         except (MessageError, KeyError) as error:
             log.warning("not recorded", key=letter.key, reason=str(error))
         else:
@@ -351,7 +356,7 @@ class Bench:
 
     def _give_up_without_processes(self) -> None:
         """End the run where it cannot go on without those who have ended; nothing more waits from them."""
-        if self._interruption.requested and not self._crew.is_running(WORLD):
+        if self._interruption.requested and not self._processes.is_running(WORLD):
             raise KeyboardInterrupt
         lost = self._supervisor.lost
         if WORLD in lost or (lost and not self._begun):
@@ -366,7 +371,7 @@ class Bench:
         if self._interruption.requested and not self._told_to_end:
             self._told_to_end = True
             self._supervisor.give_up_restarting()
-            self._crew.ask_to_end(WORLD)
+            self._processes.ask_to_end(WORLD)
 
 
 def _tell_gap(before: Truth | None, after: Truth) -> None:

@@ -8,12 +8,12 @@ from fleet.inject.director import Director
 from fleet.interruption import Interruption
 from fleet.record.address import left_in
 from fleet.record.stream import StreamItem
-from fleet.run.compiling import compile_solver
-from fleet.run.crew import Crew
 from fleet.run.experiment import Experiment
-from fleet.run.listening import Bench
-from fleet.run.roles import Roles
-from fleet.run.supervision import WORLD, Restart, Supervisor
+from fleet.run.launch import Launch
+from fleet.run.listening import Subscriber
+from fleet.run.processes import Processes
+from fleet.run.progress import compile_solver
+from fleet.run.supervisor import WORLD, Restart, Supervisor
 
 
 def run_processes(
@@ -40,16 +40,16 @@ def run_processes(
     """
     compile_solver(interruption)
     log_directory.mkdir()
-    with tempfile.TemporaryDirectory(prefix="unspoken-") as directory, Crew(log_directory) as crew:
-        roles = Roles(experiment, Path(directory))
-        crew.start(*roles.world())
-        supervisor = Supervisor(crew, restart)
-        director = Director(experiment, crew, supervisor)
-        bench = Bench(experiment.facts.run, crew, supervisor, director, interruption)
-        with bench.connect(roles.bench()) as session, left_in(log_directory.parent, roles.address()):
+    with tempfile.TemporaryDirectory(prefix="unspoken-") as directory, Processes(log_directory) as processes:
+        launch = Launch(experiment, Path(directory))
+        processes.start(*launch.world())
+        supervisor = Supervisor(processes, restart)
+        director = Director(experiment, processes, supervisor)
+        bench = Subscriber(experiment.facts.run, processes, supervisor, director, interruption)
+        with bench.connect(launch.bench()) as session, left_in(log_directory.parent, launch.address()):
             yield from bench.subscribe(session)
             for robot in experiment.scenario.robots:
-                for role in roles.of_robot(robot):
-                    crew.start(*role)
+                for settings in launch.of_robot(robot):
+                    processes.start(*settings)
             yield from bench.listen()
-        crew.wait(WORLD)  # which stays until the bench has left
+        processes.wait(WORLD)  # which stays until the bench has left

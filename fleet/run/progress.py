@@ -1,4 +1,4 @@
-"""The line that shows how a run, or a number of them, is getting on."""
+"""What comes before a run, and the line that shows how it, or a number of them, is getting on."""
 
 from rich.console import Console
 from rich.progress import (
@@ -12,6 +12,10 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from agent.process.warm import CompilingError, compile_in_background
+from agent.solve.compiled import is_complete
+from fleet.interruption import Interruption
+from fleet.run.processes import ProcessFailedError
 from protocol.messages import Message, Truth
 
 SPEED_S = 600.0
@@ -58,3 +62,25 @@ def _line(truth: Truth) -> str:
     closest = "" if truth.minimum_distance_m is None else f" · closest {truth.minimum_distance_m:.2f} m"
     hit = f" · [red]{len(truth.collisions)} collided[/]" if truth.collisions else ""
     return f"step {truth.step} · {truth.time_s:.1f} s · {arrived}/{len(truth.robots)} arrived{closest}{hit}"
+
+
+def compile_solver(interruption: Interruption) -> None:
+    """Wait until the solver is compiled, which takes no time where it has been.
+
+    Raises:
+        ProcessFailedError: it cannot be compiled or kept.
+        KeyboardInterrupt: an interruption came before.
+    """
+    try:
+        compiled = compile_in_background(unwanted=lambda: interruption.requested)
+    except CompilingError as error:
+        raise ProcessFailedError(str(error)) from None
+    if not compiled:
+        raise KeyboardInterrupt
+
+
+def announced(begin: str) -> str:
+    """What a run does first, with the wait for the solver if there is one."""
+    if is_complete():
+        return begin
+    return f"compiling the solver (once on this machine, about a minute), then {begin}"

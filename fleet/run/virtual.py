@@ -9,9 +9,9 @@ from agent.solve.deadline import Clock, Deadline
 from fleet.inject.disturbed_loop import disturbed_loop
 from fleet.interruption import Interruption
 from fleet.record.stream import BusMessage
-from fleet.run.compiling import compile_solver
 from fleet.run.experiment import Experiment, RunFacts
 from fleet.run.moment import EPOCH, Moment, agent_of
+from fleet.run.progress import compile_solver
 from protocol.keys import Keys
 from protocol.messages import PublicScene
 from protocol.scenario import Scenario

@@ -11,7 +11,7 @@ import zenoh
 
 from fleet.interruption import Interruption
 from fleet.record.stream import BusMessage
-from fleet.run.listening import Intake, Letter, Mailbox
+from fleet.run.listening import Decoder, Mailbox, Received
 from fleet.status.standing import Standing
 from protocol.codec import MessageError
 from protocol.identity import Identity
@@ -40,7 +40,7 @@ class Listener:
         self.standing = Standing(run)
         self._session = session
         self._keys = Keys(run)
-        self._intake = Intake(self._keys)
+        self._decoder = Decoder(self._keys)
         self._mailbox = Mailbox()
         self._presence: SimpleQueue[tuple[str, bool]] = SimpleQueue()
         # The literal key of all: robots are told of this one reader only, and say their minds for it.
@@ -55,7 +55,7 @@ class Listener:
         """Take in the scene; whether the world has answered."""
         for reply in self._session.get(self._keys.scene, timeout=SCENE_TIMEOUT_S):
             if reply.ok is not None:
-                self._take(Letter(self._keys.scene, reply.ok.payload.to_bytes(), time.monotonic_ns()))
+                self._take(Received(self._keys.scene, reply.ok.payload.to_bytes(), time.monotonic_ns()))
                 return True
         return False
 
@@ -70,9 +70,9 @@ class Listener:
             except Empty:
                 continue
 
-    def _take(self, letter: Letter) -> None:
+    def _take(self, letter: Received) -> None:
         try:
-            item = self._intake.take(letter)
+            item = self._decoder.take(letter)
         except (MessageError, KeyError):  # the bench tells of it; here it changes nothing
             return
         if isinstance(item, BusMessage):
@@ -83,7 +83,7 @@ class Listener:
         kind = self._keys.kind_of(key)
         if kind != "pose":
             sender = self._keys.robot_of(key) if kind in ("command", "mind") else None
-            self._mailbox.put(sender, Letter(key, sample.payload.to_bytes(), time.monotonic_ns()))
+            self._mailbox.put(sender, Received(key, sample.payload.to_bytes(), time.monotonic_ns()))
 
     def _store_presence(self, sample: zenoh.Sample) -> None:
         robot = self._keys.robot_of(str(sample.key_expr))

@@ -110,7 +110,7 @@ class _Robot:
 
 
 class Standing:
-    """Takes the valid messages of a run, as :class:`fleet.run.listening.Intake` gives them.
+    """Takes the valid messages of a run, as :class:`fleet.run.listening.Decoder` gives them.
 
     Args:
         run: its name.

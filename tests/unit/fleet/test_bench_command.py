@@ -19,7 +19,7 @@ from fleet.bench.startup import StartupRow, table
 from fleet.bench.targets import judge
 from fleet.bench.watch import Watch
 from fleet.cli import app
-from fleet.run.crew import ProcessFailedError
+from fleet.run.processes import ProcessFailedError
 from world.inbox import Inbox
 
 LITTLE = ("--robots", 2, "--crossings", 2, "--steps", 4, "--decisions", 4, "--rounds", 5, "--starts", 1)

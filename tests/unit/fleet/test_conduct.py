@@ -7,16 +7,17 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+import typer
 
+from chassis.refusal import ExitStatus, Refusal
 from fleet.interruption import Interruption
 from fleet.record.recording import read_recording
 from fleet.record.stream import BusMessage
-from fleet.run.conduct import conduct
-from fleet.run.crew import ProcessFailedError
+from fleet.run.command import conduct
 from fleet.run.experiment import Experiment, prepare
+from fleet.run.processes import ProcessFailedError
 from protocol.keys import Keys
 from protocol.messages import Mind, Truth
-from world.process import ExitStatus
 
 
 @pytest.fixture
@@ -56,14 +57,14 @@ def test_a_failed_process_is_told_and_what_came_before_is_kept(
     tmp_path: Path,
     experiment: Experiment,
     truth: Callable[..., BusMessage],
-    capsys: pytest.CaptureFixture[str],
 ) -> None:
     def stream(_logs: Path, _interruption: Interruption) -> Iterator[BusMessage]:
         yield truth(0)
         raise ProcessFailedError("robot-2 was killed [by] signal 9")
 
-    assert conduct(experiment, tmp_path, stream, "begin") is ExitStatus.FAILED
-    assert "unspoken: robot-2 was killed [by] signal 9" in capsys.readouterr().err.splitlines()
+    with pytest.raises(Refusal, match=r"robot-2 was killed \[by\] signal 9") as failure:
+        conduct(experiment, tmp_path, stream, "begin")
+    assert failure.value.status is ExitStatus.FAILED
     assert verdict_in(tmp_path) == "failed"
     assert [message for _, message in read_recording(tmp_path / "run.mcap")] == [truth(0).message]
 
@@ -75,7 +76,8 @@ def test_a_verdict_that_came_before_the_failure_stands(
         yield truth(1, verdict="deadlock")
         raise ProcessFailedError("robot-2 was killed")
 
-    assert conduct(experiment, tmp_path, stream, "begin") is ExitStatus.FAILED
+    with pytest.raises(Refusal, match="robot-2 was killed"):
+        conduct(experiment, tmp_path, stream, "begin")
     assert verdict_in(tmp_path) == "deadlock"
 
 
@@ -93,7 +95,9 @@ def test_who_insists_is_not_made_to_wait_for_a_verdict(
         finally:
             closed.append(True)
 
-    assert conduct(experiment, tmp_path, stream, "begin") is ExitStatus.ENDED_OTHERWISE
+    with pytest.raises(typer.Exit) as end:
+        conduct(experiment, tmp_path, stream, "begin")
+    assert end.value.exit_code == ExitStatus.UNMET
     assert verdict_in(tmp_path) == "interrupted"
     assert len(list(read_recording(tmp_path / "run.mcap"))) == 2
     assert closed, "the stream, which holds the processes, is closed"
@@ -103,7 +107,6 @@ def test_a_full_disk_ends_the_run_and_everything_that_failed_is_told(
     tmp_path: Path,
     experiment: Experiment,
     make_mind: Callable[..., Mind],
-    capsys: pytest.CaptureFixture[str],
 ) -> None:
     closed = []
 
@@ -116,9 +119,10 @@ def test_a_full_disk_ends_the_run_and_everything_that_failed_is_told(
         finally:
             closed.append(True)
 
-    with file_size_limit(20_000):
-        assert conduct(experiment, tmp_path, stream, "begin") is ExitStatus.FAILED
-    told = capsys.readouterr().err
+    with file_size_limit(20_000), pytest.raises(Refusal) as failure:
+        conduct(experiment, tmp_path, stream, "begin")
+    told = str(failure.value)
+    assert failure.value.status is ExitStatus.FAILED
     assert "run.mcap: the recording cannot go on: File too large" in told
     assert f"{tmp_path}: cannot be written: File too large" in told
     assert verdict_in(tmp_path) == "failed"

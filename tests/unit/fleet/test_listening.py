@@ -9,9 +9,9 @@ import pytest
 from structlog.testing import capture_logs
 
 from fleet.record.stream import BusMessage
-from fleet.run.crew import ProcessFailedError
-from fleet.run.listening import Bench
-from fleet.run.supervision import WORLD
+from fleet.run.listening import Subscriber
+from fleet.run.processes import ProcessFailedError
+from fleet.run.supervisor import WORLD
 from protocol.codec import encode
 from protocol.keys import Keys
 from protocol.messages import Truth
@@ -27,13 +27,13 @@ def lost() -> dict[str, str]:
 
 
 @pytest.fixture
-def bench(lost: dict[str, str]) -> Bench:
+def bench(lost: dict[str, str]) -> Subscriber:
     """Which has the scene, among processes of which nothing is to be told."""
-    crew = SimpleNamespace(take_started_again=list, is_running=lambda name: name not in lost)
+    processes = SimpleNamespace(take_started_again=list, is_running=lambda name: name not in lost)
     supervisor = SimpleNamespace(look=lambda: None, lost=lost)
     director = SimpleNamespace(look=lambda: None, at=lambda truth: None)
     interruption = SimpleNamespace(insisted=False, requested=False)
-    bench: Any = Bench("test", crew, supervisor, director, interruption)  # type: ignore[arg-type]
+    bench: Any = Subscriber("test", processes, supervisor, director, interruption)  # type: ignore[arg-type]
     bench._scene_due = False
     return bench
 
@@ -49,7 +49,7 @@ def steps(messages: Iterator[Any]) -> list[int]:
     return [item.message.step for item in messages if isinstance(item, BusMessage)]
 
 
-def test_steps_that_the_bus_has_lost_are_told(bench: Bench, make_truth: MakeTruth) -> None:
+def test_steps_that_the_bus_has_lost_are_told(bench: Subscriber, make_truth: MakeTruth) -> None:
     for step in (0, 1, 4):
         say(bench, make_truth(step, {"1": {}}))
     say(bench, make_truth(5, {"1": {}}, verdict="timeout"))
@@ -60,7 +60,7 @@ def test_steps_that_the_bus_has_lost_are_told(bench: Bench, make_truth: MakeTrut
 
 
 def test_what_the_world_said_before_its_end_counts_however_late_it_comes(
-    bench: Bench, lost: dict[str, str], make_truth: MakeTruth
+    bench: Subscriber, lost: dict[str, str], make_truth: MakeTruth
 ) -> None:
     lost[WORLD] = "world ended"
     late = threading.Timer(0.4, say, (bench, make_truth(0, {"1": {}}, verdict="timeout")))
@@ -70,7 +70,7 @@ def test_what_the_world_said_before_its_end_counts_however_late_it_comes(
 
 
 def test_a_world_that_has_gone_without_a_verdict_is_a_failure(
-    bench: Bench, lost: dict[str, str], make_truth: MakeTruth
+    bench: Subscriber, lost: dict[str, str], make_truth: MakeTruth
 ) -> None:
     say(bench, make_truth(0, {"1": {}}))
     lost[WORLD] = "world ended with exit status 3"

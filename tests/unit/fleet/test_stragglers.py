@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from fleet.run.listening import Stragglers
+from fleet.run.listening import Outstanding
 from protocol.messages import Command, Truth
 
 MakeTruth = Callable[..., Truth]
@@ -15,9 +15,9 @@ def command(robot: str, step: int) -> Command:
 
 
 @pytest.fixture
-def stragglers(make_truth: MakeTruth) -> Stragglers:
+def stragglers(make_truth: MakeTruth) -> Outstanding:
     """At step 4, where two robots have answered every step but the last."""
-    stragglers = Stragglers()
+    stragglers = Outstanding()
     stragglers.add(make_truth(3, {"1": {}, "2": {}}))
     for robot in ("1", "2"):
         stragglers.add(command(robot, 3))
@@ -25,12 +25,12 @@ def stragglers(make_truth: MakeTruth) -> Stragglers:
     return stragglers
 
 
-def test_nothing_is_awaited_while_all_commands_are_there(stragglers: Stragglers) -> None:
+def test_nothing_is_awaited_while_all_commands_are_there(stragglers: Outstanding) -> None:
     assert not stragglers.on_their_way()
 
 
 def test_a_command_is_awaited_that_the_truth_has_overtaken(
-    stragglers: Stragglers, make_truth: MakeTruth
+    stragglers: Outstanding, make_truth: MakeTruth
 ) -> None:
     stragglers.add(command("2", 4))
     stragglers.add(make_truth(5, {"1": {}, "2": {}}, verdict="arrived"))
@@ -39,24 +39,24 @@ def test_a_command_is_awaited_that_the_truth_has_overtaken(
     assert not stragglers.on_their_way()
 
 
-def test_a_robot_that_missed_the_step_is_not_awaited(stragglers: Stragglers, make_truth: MakeTruth) -> None:
+def test_a_robot_that_missed_the_step_is_not_awaited(stragglers: Outstanding, make_truth: MakeTruth) -> None:
     stragglers.add(command("2", 4))
     stragglers.add(make_truth(5, {"1": {"deadline_misses": 1}, "2": {}}, verdict="arrived"))
     assert not stragglers.on_their_way()
 
 
-def test_nobody_is_awaited_at_an_interrupted_step(stragglers: Stragglers, make_truth: MakeTruth) -> None:
+def test_nobody_is_awaited_at_an_interrupted_step(stragglers: Outstanding, make_truth: MakeTruth) -> None:
     stragglers.add(make_truth(4, {"1": {}, "2": {}}, verdict="interrupted"))
     assert not stragglers.on_their_way()
 
 
 def test_nobody_is_awaited_before_the_first_step(make_truth: MakeTruth) -> None:
-    stragglers = Stragglers()
+    stragglers = Outstanding()
     stragglers.add(make_truth(0, {"1": {}, "2": {}}, verdict="interrupted"))
     assert not stragglers.on_their_way()
 
 
-def test_nothing_of_a_former_world_is_awaited(stragglers: Stragglers, make_truth: MakeTruth) -> None:
+def test_nothing_of_a_former_world_is_awaited(stragglers: Outstanding, make_truth: MakeTruth) -> None:
     stragglers.add(make_truth(0, {"1": {}, "2": {}}).model_copy(update={"epoch": 8}))
     assert not stragglers.on_their_way()
     stragglers.add(make_truth(1, {"1": {}, "2": {}}).model_copy(update={"epoch": 8}))

@@ -2,11 +2,11 @@
 
 import pytest
 
-from fleet.run.crew import Crew
-from fleet.run.supervision import BACK_OFF_S, WORLD, Restart, Supervisor
+from fleet.run.processes import Processes
+from fleet.run.supervisor import BACK_OFF_S, WORLD, Restart, Supervisor
 
 
-class ScriptedCrew(Crew):
+class ScriptedProcesses(Processes):
     """Processes that end when a test says so."""
 
     def __init__(self) -> None:
@@ -26,72 +26,72 @@ class ScriptedCrew(Crew):
 
 
 @pytest.fixture
-def crew() -> ScriptedCrew:
-    return ScriptedCrew()
+def processes() -> ScriptedProcesses:
+    return ScriptedProcesses()
 
 
-def supervisor(crew: ScriptedCrew, restart: Restart) -> Supervisor:
-    return Supervisor(crew, restart, lambda: crew.now_s)
+def supervisor(processes: ScriptedProcesses, restart: Restart) -> Supervisor:
+    return Supervisor(processes, restart, lambda: processes.now_s)
 
 
-def look_for(crew: ScriptedCrew, watched: Supervisor, duration_s: float) -> None:
-    until_s = crew.now_s + duration_s
-    while crew.now_s < until_s:
+def look_for(processes: ScriptedProcesses, watched: Supervisor, duration_s: float) -> None:
+    until_s = processes.now_s + duration_s
+    while processes.now_s < until_s:
         watched.look()
-        crew.now_s += 0.125
+        processes.now_s += 0.125
 
 
-def test_whoever_fails_at_every_start_is_given_up_after_growing_pauses(crew: ScriptedCrew) -> None:
-    watched = supervisor(crew, Restart.ON_FAILURE)
+def test_whoever_fails_at_every_start_is_given_up_after_growing_pauses(processes: ScriptedProcesses) -> None:
+    watched = supervisor(processes, Restart.ON_FAILURE)
     pauses_s = []
     for _ in BACK_OFF_S:
-        crew.down["robot-1"], ended_s = 1, crew.now_s
-        while "robot-1" in crew.down:
+        processes.down["robot-1"], ended_s = 1, processes.now_s
+        while "robot-1" in processes.down:
             watched.look()
-            crew.now_s += 0.125
-        pauses_s.append(crew.started[-1][1] - ended_s)
+            processes.now_s += 0.125
+        pauses_s.append(processes.started[-1][1] - ended_s)
     assert pauses_s == list(BACK_OFF_S)
     assert watched.lost == {}
-    crew.down["robot-1"] = 1
-    look_for(crew, watched, 20.0)
+    processes.down["robot-1"] = 1
+    look_for(processes, watched, 20.0)
     assert watched.lost == {"robot-1": "robot-1 ended"}
-    assert len(crew.started) == len(BACK_OFF_S)
+    assert len(processes.started) == len(BACK_OFF_S)
 
 
-def test_nobody_is_started_again_unasked(crew: ScriptedCrew) -> None:
-    watched = supervisor(crew, Restart.NEVER)
-    crew.down["robot-1"] = -9
-    look_for(crew, watched, 20.0)
-    assert (crew.started, watched.lost) == ([], {"robot-1": "robot-1 ended"})
+def test_nobody_is_started_again_unasked(processes: ScriptedProcesses) -> None:
+    watched = supervisor(processes, Restart.NEVER)
+    processes.down["robot-1"] = -9
+    look_for(processes, watched, 20.0)
+    assert (processes.started, watched.lost) == ([], {"robot-1": "robot-1 ended"})
 
 
-def test_an_end_that_is_wanted_is_no_loss(crew: ScriptedCrew) -> None:
-    watched = supervisor(crew, Restart.ON_FAILURE)
+def test_an_end_that_is_wanted_is_no_loss(processes: ScriptedProcesses) -> None:
+    watched = supervisor(processes, Restart.ON_FAILURE)
     watched.excuse("robot-1")
-    crew.down["robot-1"] = -9
-    look_for(crew, watched, 20.0)
-    assert (crew.started, watched.lost) == ([], {})
+    processes.down["robot-1"] = -9
+    look_for(processes, watched, 20.0)
+    assert (processes.started, watched.lost) == ([], {})
     watched.expect("robot-1")
-    look_for(crew, watched, 20.0)
-    assert [name for name, _ in crew.started] == ["robot-1"]
+    look_for(processes, watched, 20.0)
+    assert [name for name, _ in processes.started] == ["robot-1"]
 
 
 @pytest.mark.parametrize(("status", "returns"), [(0, False), (1, False), (3, True), (-9, True)])
 def test_a_world_that_has_given_its_verdict_is_not_started_again(
-    crew: ScriptedCrew, status: int, returns: bool
+    processes: ScriptedProcesses, status: int, returns: bool
 ) -> None:
-    watched = supervisor(crew, Restart.ON_FAILURE)
-    crew.down[WORLD] = status
-    look_for(crew, watched, 1.0)
-    assert [name for name, _ in crew.started] == [WORLD] * returns
+    watched = supervisor(processes, Restart.ON_FAILURE)
+    processes.down[WORLD] = status
+    look_for(processes, watched, 1.0)
+    assert [name for name, _ in processes.started] == [WORLD] * returns
     assert (WORLD in watched.lost) is not returns
 
 
-def test_nothing_is_started_once_the_run_is_to_end(crew: ScriptedCrew) -> None:
-    watched = supervisor(crew, Restart.ON_FAILURE)
-    crew.down[WORLD] = -9
+def test_nothing_is_started_once_the_run_is_to_end(processes: ScriptedProcesses) -> None:
+    watched = supervisor(processes, Restart.ON_FAILURE)
+    processes.down[WORLD] = -9
     watched.look()
     watched.give_up_restarting()
-    look_for(crew, watched, 20.0)
-    assert crew.started == []
+    look_for(processes, watched, 20.0)
+    assert processes.started == []
     assert WORLD in watched.lost

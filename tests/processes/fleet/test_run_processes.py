@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from fleet.run import crew as crew_module
-from fleet.run.crew import Crew
+from fleet.run import processes as processes_module
+from fleet.run.processes import Processes
 
 PATIENCE_S = 60.0
 """How long a test waits for what should come; only reached when it fails."""
@@ -39,36 +39,38 @@ def modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def crew(tmp_path: Path, modules: Path) -> Iterator[Crew]:
+def processes(tmp_path: Path, modules: Path) -> Iterator[Processes]:
     logs = tmp_path / "logs"
     logs.mkdir()
-    with Crew(logs) as crew:
-        yield crew
+    with Processes(logs) as processes:
+        yield processes
 
 
-def logged(crew: Crew, name: str, text: str) -> str:
+def logged(processes: Processes, name: str, text: str) -> str:
     """The log of a process once it holds a text."""
     give_up_s = time.monotonic() + PATIENCE_S
-    while text not in (log := crew.log_file(name).read_text()):
+    while text not in (log := processes.log_file(name).read_text()):
         assert time.monotonic() < give_up_s, log
         time.sleep(0.01)
     return log
 
 
-def ended(crew: Crew, name: str) -> str:
+def ended(processes: Processes, name: str) -> str:
     """How a process ended, once it has."""
     give_up_s = time.monotonic() + PATIENCE_S
-    while name not in crew.ended():
+    while name not in processes.ended():
         assert time.monotonic() < give_up_s
         time.sleep(0.01)
-    return crew.ended()[name]
+    return processes.ended()[name]
 
 
-def test_a_process_gets_its_settings_and_nobody_elses(crew: Crew, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_gets_its_settings_and_nobody_elses(
+    processes: Processes, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("UNSPOKEN_GOAL", "1,2,3")
     monkeypatch.setenv("WEATHER", "fair")
-    crew.start("robot-1", "telling", {"robot": "1", "run": "hall"})
-    told = json.loads(logged(crew, "robot-1", "}"))
+    processes.start("robot-1", "telling", {"robot": "1", "run": "hall"})
+    told = json.loads(logged(processes, "robot-1", "}"))
     settings = {name: value for name, value in told.items() if name.startswith("UNSPOKEN_")}
     assert settings == {
         "UNSPOKEN_ROBOT": "1",
@@ -79,54 +81,54 @@ def test_a_process_gets_its_settings_and_nobody_elses(crew: Crew, monkeypatch: p
 
 
 def test_a_module_where_the_user_stands_is_not_started(
-    crew: Crew, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    processes: Processes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "telling.py").write_text("print('{wrong one}')")
     monkeypatch.chdir(tmp_path)
-    crew.start("robot-1", "telling", {})
-    assert "wrong" not in logged(crew, "robot-1", "}")
+    processes.start("robot-1", "telling", {})
+    assert "wrong" not in logged(processes, "robot-1", "}")
 
 
-def test_the_account_of_a_process_that_ended_tells_how_and_its_last_words(crew: Crew) -> None:
-    crew.start("robot-1", "talkative", {})
-    account = ended(crew, "robot-1")
+def test_the_account_of_a_process_that_ended_tells_how_and_its_last_words(processes: Processes) -> None:
+    processes.start("robot-1", "talkative", {})
+    account = ended(processes, "robot-1")
     assert account.startswith("robot-1 ended with exit status 4 before the run was over")
-    assert str(crew.log_file("robot-1")) in account
+    assert str(processes.log_file("robot-1")) in account
     last = account.splitlines()[1:]
-    assert len(last) == crew_module.LOG_TAIL_LINES
+    assert len(last) == processes_module.LOG_TAIL_LINES
     assert "  no such goal" in last
     assert "  line 19" in last
     assert "  line 1" not in last
 
 
-def test_the_account_of_a_killed_process_names_the_signal(crew: Crew) -> None:
-    crew.start("world", "obedient", {})
-    logged(crew, "world", "ready")
-    assert crew.ended() == {}
-    crew.ask_to_end("world")
-    assert ended(crew, "world").startswith("world was killed by signal 15")
+def test_the_account_of_a_killed_process_names_the_signal(processes: Processes) -> None:
+    processes.start("world", "obedient", {})
+    logged(processes, "world", "ready")
+    assert processes.ended() == {}
+    processes.ask_to_end("world")
+    assert ended(processes, "world").startswith("world was killed by signal 15")
 
 
 @pytest.mark.parametrize("module", ["obedient", "stubborn"])
 def test_no_process_outlives_the_block(
     module: str, tmp_path: Path, modules: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(crew_module, "PATIENCE_S", 0.2)
-    with Crew(tmp_path) as crew:
+    monkeypatch.setattr(processes_module, "PATIENCE_S", 0.2)
+    with Processes(tmp_path) as processes:
         for name in ("one", "two"):
-            crew.start(name, module, {})
+            processes.start(name, module, {})
         for name in ("one", "two"):
-            logged(crew, name, "ready")
+            logged(processes, name, "ready")
     number = 15 if module == "obedient" else 9
-    accounts = crew.ended()
+    accounts = processes.ended()
     assert set(accounts) == {"one", "two"}
     assert all(f"was killed by signal {number} " in account for account in accounts.values())
 
 
-def test_ctrl_c_in_the_terminal_does_not_reach_the_processes(crew: Crew) -> None:
+def test_ctrl_c_in_the_terminal_does_not_reach_the_processes(processes: Processes) -> None:
     """It goes to the foreground process group; they have groups of their own."""
-    crew.start("world", "obedient", {})
-    logged(crew, "world", "ready")
+    processes.start("world", "obedient", {})
+    logged(processes, "world", "ready")
     [group] = [
         int(stat.read_text().rpartition(")")[2].split()[2])
         for stat in Path("/proc").glob("[0-9]*/stat")

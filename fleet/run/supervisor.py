@@ -7,7 +7,7 @@ from enum import StrEnum
 
 import structlog
 
-from fleet.run.crew import Crew
+from fleet.run.processes import Processes
 from world.process import ExitStatus
 
 WORLD = "world"
@@ -25,18 +25,21 @@ class Restart(StrEnum):
 
 
 class Supervisor:
-    """Looks after the processes of a crew.
+    """Looks after the processes of a processes.
 
     Args:
-        crew: whose processes they are.
+        processes: whose processes they are.
         restart: which of them are started again.
         now_s: a monotonic clock.
     """
 
     def __init__(
-        self, crew: Crew, restart: Restart = Restart.NEVER, now_s: Callable[[], float] = time.monotonic
+        self,
+        processes: Processes,
+        restart: Restart = Restart.NEVER,
+        now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._crew = crew
+        self._processes = processes
         self._restart = restart
         self._now_s = now_s
         self._due_s: dict[str, float] = {}
@@ -60,7 +63,7 @@ class Supervisor:
 
     def look(self) -> None:
         """Note who has ended, and start again whose time has come."""
-        for name, status in self._crew.statuses().items():
+        for name, status in self._processes.statuses().items():
             if name in self._excused or name in self.lost:
                 continue
             if name in self._due_s:
@@ -70,7 +73,7 @@ class Supervisor:
                 self._due_s[name] = self._now_s() + pause_s
                 log.warning("ended, and is to be started again", process=name, status=status, in_s=pause_s)
             else:
-                self.lost[name] = self._crew.account(name)
+                self.lost[name] = self._processes.account(name)
 
     def _is_to_return(self, name: str, status: int) -> bool:
         over = name == WORLD and status in (ExitStatus.ARRIVED, ExitStatus.ENDED_OTHERWISE)
@@ -81,5 +84,5 @@ class Supervisor:
             return
         del self._due_s[name]
         self._attempts[name] += 1
-        self._crew.start_again(name)
+        self._processes.start_again(name)
         log.warning("started again", process=name, attempt=self._attempts[name])

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple, Self
 
+from chassis.refusal import ExitStatus, Refusal
 from chassis.signals import PARENT
 
 PATIENCE_S = 5.0
@@ -18,8 +19,11 @@ OWN = ("UNSPOKEN_", "NOTIFY_SOCKET", "WATCHDOG_")
 """Environment variables that are for this process: its options, and its service manager."""
 
 
-class ProcessFailedError(Exception):
+class ProcessFailedError(Refusal):
     """A process of the run ended when it should not have; the text says which, how, and what it said last."""
+
+    def __init__(self, sentence: str) -> None:
+        super().__init__(sentence, ExitStatus.FAILED)
 
 
 class _Part(NamedTuple):
@@ -27,7 +31,7 @@ class _Part(NamedTuple):
     settings: Mapping[str, str]
 
 
-class Crew:
+class Processes:
     """Starts processes as ``python -m <module>`` with one log file each; none outlives the block.
 
     Nor does one outlive this process, where it asks for that by :func:`chassis.signals.end_with_parent`;

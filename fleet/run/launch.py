@@ -7,7 +7,7 @@ from typing import NamedTuple
 from fleet.inject.casting import Faults
 from fleet.record.address import Address
 from fleet.run.experiment import Experiment
-from fleet.run.supervision import WORLD
+from fleet.run.supervisor import WORLD
 from protocol.identity import Login, new_passwords, write_password, write_users
 from protocol.keys import BENCH_NAME
 from protocol.scenario import ScenarioRobot
@@ -75,8 +75,8 @@ class NoLogins:
         return {}
 
 
-class Role(NamedTuple):
-    """One process, as :meth:`fleet.run.crew.Crew.start` wants it."""
+class ProcessSettings(NamedTuple):
+    """One process, as :meth:`fleet.run.processes.Processes.start` wants it."""
 
     name: str
     module: str
@@ -88,7 +88,7 @@ def name_of(robot: str) -> str:
     return f"robot-{robot}"
 
 
-class Roles:
+class Launch:
     """The processes of one run on this machine.
 
     Args:
@@ -116,7 +116,7 @@ class Roles:
         run, password_file = self._experiment.facts.run, self._logins.bench_file
         return Address(endpoint=self._endpoint, run=run, password_file=password_file)
 
-    def world(self) -> Role:
+    def world(self) -> ProcessSettings:
         """The world, which begins when the bench listens."""
         facts = self._experiment.facts
         settings = {
@@ -128,9 +128,9 @@ class Roles:
             "exchange_goals": "1" if facts.goals_are_exchanged else "0",
             "await_reader": "1",
         }
-        return Role(WORLD, "world", settings | self._logins.of_world())
+        return ProcessSettings(WORLD, "world", settings | self._logins.of_world())
 
-    def of_robot(self, robot: ScenarioRobot) -> Iterator[Role]:
+    def of_robot(self, robot: ScenarioRobot) -> Iterator[ProcessSettings]:
         """A robot and, where a fault lies on its link, what stands between it and the world."""
         endpoint = self._endpoint
         if self._faults.on_link(robot.id):
@@ -138,7 +138,7 @@ class Roles:
             yield self._relay(robot.id, endpoint)
         yield self._robot(robot, endpoint)
 
-    def _relay(self, robot: str, endpoint: str) -> Role:
+    def _relay(self, robot: str, endpoint: str) -> ProcessSettings:
         settings = {
             "robot": robot,
             "connect": self._endpoint,
@@ -147,9 +147,9 @@ class Roles:
             **self._faults.told,
             **self._logins.of_relay(robot),
         }
-        return Role(f"relay-{robot}", "fleet.inject.relay", settings)
+        return ProcessSettings(f"relay-{robot}", "fleet.inject.relay", settings)
 
-    def _robot(self, robot: ScenarioRobot, endpoint: str) -> Role:
+    def _robot(self, robot: ScenarioRobot, endpoint: str) -> ProcessSettings:
         """It is told its own goal and no other."""
         facts, goal = self._experiment.facts, robot.goal_pose()
         budget = {} if facts.budget_ms is None else {"budget_ms": repr(facts.budget_ms)}
@@ -164,5 +164,5 @@ class Roles:
         }
         settings |= self._logins.of_robot(robot.id)
         if self._faults.on_robot(robot.id):
-            return Role(name_of(robot.id), "fleet.inject.robot", settings | self._faults.told)
-        return Role(name_of(robot.id), "agent", settings)
+            return ProcessSettings(name_of(robot.id), "fleet.inject.robot", settings | self._faults.told)
+        return ProcessSettings(name_of(robot.id), "agent", settings)

@@ -1,0 +1,200 @@
+"""``unspoken run`` and ``unspoken simulate``: one run, shown while it goes on, kept, and how it ended."""
+
+import re
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+import agent.__main__
+from agent.estimate import DEFAULT_GOALS, GoalsName
+from agent.solve import ITERATIONS, SolverName
+from chassis.refusal import ExitStatus, Refusal
+from fleet.interruption import Interruption
+from fleet.record.output import Output
+from fleet.record.stream import BusMessage, StreamItem
+from fleet.record.verdict import degradation_lines, refusal_lines, robot_table, verdict_line
+from fleet.run import virtual
+from fleet.run.experiment import VIRTUAL, Experiment, prepare
+from fleet.run.live import run_processes
+from fleet.run.progress import RunProgress, announced
+from fleet.run.supervisor import Restart
+from world.process import ClockKind
+
+Stream = Callable[[Path, Interruption], Iterator[StreamItem]]
+"""Makes a run's messages, given the directory for logs and the wish to end."""
+
+ScenarioArgument = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="A scenario file, or the name of a bundled one such as 8a.")
+]
+GoalsOption = Annotated[
+    GoalsName,
+    typer.Option(callback=agent.__main__.checked_goals, help=agent.__main__.GOALS_HELP),
+]
+SolverOption = Annotated[SolverName, typer.Option(help="What solves the trajectory problems.")]
+IterationsOption = Annotated[int, typer.Option(min=1, help=agent.__main__.ITERATIONS_HELP)]
+SeedOption = Annotated[int, typer.Option(min=0, help="Of sensor noise and dropouts.")]
+FaultsOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="A file of faults that are to befall the run, besides those of the scenario.",
+        metavar="FILE",
+        dir_okay=False,
+    ),
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="Directory for the output, new or empty.",
+        show_default="runs/<scenario>-<goals>-<time>",
+        file_okay=False,
+    ),
+]
+
+
+def run(
+    scenario: ScenarioArgument,
+    goals: GoalsOption = DEFAULT_GOALS,
+    clock: Annotated[
+        ClockKind,
+        typer.Option(help="Wait for every robot at every step, or publish one step every Δt."),
+    ] = ClockKind.LOCKSTEP,
+    solver: SolverOption = "realtime",
+    iterations: IterationsOption = ITERATIONS,
+    budget_ms: Annotated[
+        float | None,
+        typer.Option(
+            callback=agent.__main__.checked_budget,
+            help=agent.__main__.BUDGET_HELP,
+            show_default="half of Δt with --clock realtime, otherwise none",
+        ),
+    ] = None,
+    seed: SeedOption = 0,
+    faults: FaultsOption = None,
+    policy: Annotated[
+        bool,
+        typer.Option(
+            "--policy/--no-policy",
+            help="Let every process read and say what it is granted and nothing else, or let all do all.",
+        ),
+    ] = True,
+    restart: Annotated[
+        Restart, typer.Option(help="Whether a process that fails before the run is over is started again.")
+    ] = Restart.NEVER,
+    out: OutOption = None,
+) -> None:
+    """Run a scenario in real processes: a world, and one process per robot.
+
+    Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage or
+    scenario, 3 a process failed.
+    """
+    experiment = prepare(
+        scenario,
+        goals=goals,
+        solver=solver,
+        clock=clock.value,
+        seed=seed,
+        iterations=iterations,
+        budget_ms=budget_ms,
+        policy=policy,
+        faults=faults,
+    )
+    begin = f"starting the world and {_robots(experiment)}"
+    conduct(experiment, out, partial(run_processes, experiment, restart=restart), begin)
+
+
+def simulate(
+    scenario: ScenarioArgument,
+    goals: GoalsOption = DEFAULT_GOALS,
+    clock: Annotated[
+        ClockKind,
+        typer.Option(help="Taken as for run; in virtual time no command is late, so both drive the same."),
+    ] = ClockKind.LOCKSTEP,
+    solver: SolverOption = "realtime",
+    iterations: IterationsOption = ITERATIONS,
+    seed: SeedOption = 0,
+    faults: FaultsOption = None,
+    out: OutOption = None,
+) -> None:
+    """Run a scenario in virtual time: the same world and robots in this one process.
+
+    Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage or scenario.
+    """
+    experiment = prepare(
+        scenario,
+        goals=goals,
+        solver=solver,
+        clock=VIRTUAL,
+        seed=seed,
+        iterations=iterations,
+        faults=faults,
+    )
+    begin = f"preparing {_robots(experiment)}"
+    conduct(experiment, out, lambda _, interruption: virtual.simulate(experiment, interruption), begin)
+
+
+def _robots(experiment: Experiment) -> str:
+    count = len(experiment.scenario.robots)
+    return "1 robot" if count == 1 else f"{count} robots"
+
+
+def conduct(experiment: Experiment, out: Path | None, stream: Stream, begin: str) -> None:
+    """Run an experiment to its end, leave its output in a directory and print the verdict.
+
+    Args:
+        experiment: what to run.
+        out: for the output, new or empty; None for one named after the experiment and the time.
+        stream: what runs it.
+        begin: what to show until the first step.
+
+    Raises:
+        typer.Exit: not all robots arrived without collision.
+        Refusal: the output cannot be written, or a process failed; what there is has been kept and shown.
+    """
+    facts = experiment.facts
+    failure: Refusal | None = None
+    name = re.sub(r"[^\w.-]", "-", facts.scenario)  # it may hold anything, a slash too
+    output = Output(out or Path("runs") / f"{name}-{facts.goals}-{datetime.now():%Y%m%d-%H%M%S}", experiment)
+    console = Console(highlight=False)
+    with Interruption() as interruption:
+        output.make_directory()
+        try:
+            with output, RunProgress(console, announced(begin)) as progress:
+                _follow(stream(output.logs, interruption), output, progress, interruption)
+        except KeyboardInterrupt:
+            pass  # the verdict says so
+        except Refusal as refusal:
+            failure = refusal
+        try:
+            summary = output.finish(without_verdict="interrupted" if failure is None else "failed")
+        except Refusal as refusal:
+            raise Refusal("\n".join(map(str, filter(None, (failure, refusal)))), ExitStatus.FAILED) from None
+        if summary.robots:
+            console.print(robot_table(summary, output.tally.clipped_commands))
+        console.print(verdict_line(summary, experiment.scenario.step_s))
+        for line in (*refusal_lines(summary), *degradation_lines(summary)):
+            console.print(line, markup=False, soft_wrap=True)
+        written = ", ".join(sorted(path.name for path in output.directory.iterdir()))
+        console.print(f"Recorded in {output.directory}: {written}", markup=False, soft_wrap=True)
+        if failure is not None:
+            raise failure
+    if summary.verdict != "arrived":
+        raise typer.Exit(ExitStatus.UNMET)
+
+
+def _follow(
+    messages: Iterator[StreamItem], output: Output, progress: RunProgress, interruption: Interruption
+) -> None:
+    """Take every message, until the user insists on the end."""
+    with closing(messages):  # type: ignore[type-var]  # generators, whose closing ends the processes
+        for item in messages:
+            output.take(item)
+            if isinstance(item, BusMessage):
+                progress.show(item.message)
+            if interruption.insisted:
+                return
