@@ -2,16 +2,18 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from agent.estimate import ESTIMATORS, GoalsName
 from agent.estimate.constant_acceleration import ConstantAcceleration
-from agent.estimate.exchanged import Unestimated
-from agent.estimate.interface import GoalEstimator
+from agent.estimate.goals import GoalEstimator, Unestimated
+from agent.remember.memory import Memory
 from agent.solve.deadline import Deadline
-from agent.solve.independent import ConstantVelocity, IndependentPredictor
 from agent.solve.orca import OrcaPlanner
-from agent.solve.planning import Planner
-from agent.solve.prediction import Predictor
+from agent.solve.planning import JointPlan, Planner
+from agent.solve.prediction import IndependentPredictor, Predictor
 from agent.solve.problem import JointSolver
+from agent.solve.vehicle import Array, rollout
 from protocol.scene import Scene
 
 
@@ -20,7 +22,7 @@ class Method(NamedTuple):
 
     estimator: GoalEstimator
     predictor: Predictor | IndependentPredictor
-    planner: Planner | OrcaPlanner
+    planner: Planner | JointPlan | OrcaPlanner
     deadline: Deadline
     """Asked by all of them before they go on improving."""
 
@@ -41,11 +43,19 @@ def method_of(name: GoalsName, scene: Scene, robot: str, solver: JointSolver, de
     """
     planner = Planner(scene, robot, solver, deadline)
     if name in ESTIMATORS:
-        return Method(ESTIMATORS[name](scene), Predictor(scene, solver, deadline), planner, deadline)
+        estimator, predictor = ESTIMATORS[name](scene), Predictor(scene, solver, deadline)
+        return Method(
+            estimator, predictor, JointPlan(robot) if estimator.goals_are_shared else planner, deadline
+        )
     if name == "constant-acceleration-alone":
         accelerating = IndependentPredictor(robot, ConstantAcceleration(scene).path)
         return Method(Unestimated(), accelerating, planner, deadline)
-    coasting = IndependentPredictor(robot, ConstantVelocity(scene).path)
+
+    def coasting(memory: Memory, other: str) -> Array:
+        no_input = np.zeros((scene.horizons.prediction_steps, 2))
+        return rollout(memory.state(other), no_input, scene.step_s)[:, :2]
+
+    at_constant_velocity = IndependentPredictor(robot, coasting)
     if name == "constant-velocity":
-        return Method(Unestimated(), coasting, planner, deadline)
-    return Method(Unestimated(), coasting, OrcaPlanner(scene, robot, planner), deadline)
+        return Method(Unestimated(), at_constant_velocity, planner, deadline)
+    return Method(Unestimated(), at_constant_velocity, OrcaPlanner(scene, robot, planner), deadline)

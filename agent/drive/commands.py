@@ -1,18 +1,93 @@
-"""The commands that a robot has given, and what it has therefore driven."""
+"""A robot's commands: how they follow from its plan, and what it has driven by them."""
 
 from collections import deque
 from typing import NamedTuple
 
+from agent.drive.safety import CollisionMonitor, Vigilance
+from agent.remember.memory import Memory
 from agent.solve.planning import Plan
 from agent.solve.vehicle import Array
-from protocol.messages import Command
+from agent.telemetry import Thought
+from protocol.messages import Command, Degradation, Observation
+from protocol.scene import Scene
 from protocol.vehicle import STANDSTILL, Input, Limits, braking_input, reachable_inputs
 
 LONGEST_BRAKING_STEPS = 1000
 """After so many steps without a command a robot is taken to stand."""
-
 SAME = 1e-6
 """Relative to the limit, inputs that differ by no more are the same."""
+DOUBTFUL = 3
+"""So many of the last commands may have come too late without anything that showed it."""
+
+
+class Action(NamedTuple):
+    """What a robot does at a step."""
+
+    command: Command
+    emergency: Degradation | None
+    """Why it does not follow its plan."""
+
+
+class Driver:
+    """Drives one robot by its plans, and brakes where it must not.
+
+    Args:
+        scene: limits and distances.
+        robot: which one.
+
+    Attributes:
+        history: its last commands.
+        monitor: its last resort.
+    """
+
+    def __init__(self, scene: Scene, robot: str) -> None:
+        self._robot = robot
+        self._limits = scene.robot(robot).limits
+        self._step_s = scene.step_s
+        self._vigilance = Vigilance(scene, robot)
+        self.monitor = CollisionMonitor(scene, robot)
+        self.history = CommandHistory(robot, self._limits, scene.step_s)
+
+    def act(self, observation: Observation, memory: Memory, previous: Input, thought: Thought) -> Action:
+        """The command of a step; to be called once a step.
+
+        Args:
+            observation: that it answers.
+            memory: with what was believed of it.
+            previous: input of the step before.
+            thought: what is thought of it.
+        """
+        self.monitor.watch(memory, thought.prediction, observation.accuracy)
+        self._vigilance.look(memory, observation.age_steps)
+        speed_mps = float(memory.state(self._robot)[3])
+        control, then, emergency = self._inputs(memory, previous, speed_mps, thought)
+        command = Command(
+            epoch=observation.epoch,
+            robot=self._robot,
+            step=observation.step,
+            turn_rate_radps=control.turn_rate_radps,
+            acceleration_mps2=control.acceleration_mps2,
+            then=then,
+        )
+        self.history.add(command, speed_mps)
+        return Action(command, emergency)
+
+    def _inputs(
+        self, memory: Memory, previous: Input, speed_mps: float, thought: Thought
+    ) -> tuple[Input, Input | None, Degradation | None]:
+        """The input of this step; where there is a plan, that of the next one; and why it is not followed."""
+        limits, step_s, plan = self._limits, self._step_s, thought.plan
+        braking = braking_input(limits, previous, speed_mps, step_s)
+        if thought.arrived:
+            return braking, None, None
+        if self._vigilance.is_blind(memory):
+            return braking, None, "controlled stop"
+        if plan is None or not plan.solved:
+            return failure_input(limits, previous, speed_mps, step_s), None, "solver failure"
+        first = first_input(plan, limits, previous, speed_mps, step_s)
+        if self.monitor.must_brake(memory, plan, first, previous):
+            return braking, None, "intervention"
+        return first, second_input(plan, limits, first, speed_mps, step_s), None
 
 
 def first_input(plan: Plan, limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
@@ -21,7 +96,7 @@ def first_input(plan: Plan, limits: Limits, previous: Input, speed_mps: float, s
     Solvers keep limits to a tolerance; what is commanded keeps those of inputs and rates exactly, and that of
     the speed as far as they allow.
     """
-    return _within_limits(plan.inputs[0], limits, previous, speed_mps, step_s)
+    return _reachable(plan.inputs[0], limits, previous, speed_mps, step_s)
 
 
 def second_input(plan: Plan, limits: Limits, first: Input, speed_mps: float, step_s: float) -> Input | None:
@@ -39,39 +114,17 @@ def second_input(plan: Plan, limits: Limits, first: Input, speed_mps: float, ste
     """
     if len(plan.inputs) < 2:
         return None
-    return _within_limits(plan.inputs[1], limits, first, speed_mps + step_s * first.acceleration_mps2, step_s)
+    return _reachable(plan.inputs[1], limits, first, speed_mps + step_s * first.acceleration_mps2, step_s)
 
 
-def driven_last(given: Command, speed_mps: float, missed_steps: int, limits: Limits, step_s: float) -> Input:
-    """What a robot drove at the last of some steps for which it gave no command in time.
-
-    At the first of them that is the `then` of its last command, from there on or without it braking: what the
-    world does, and so exactly what was driven, up to the noise in the speed.
-
-    Args:
-        given: the last command in time.
-        speed_mps: at the step that it answers.
-        missed_steps: steps since then without one; with 0, it is the command itself that was driven.
-        limits: of the vehicle.
-        step_s: Δt.
-    """
-    driven, fallback = given.input, given.then
-    for _ in range(min(missed_steps, LONGEST_BRAKING_STEPS)):
-        speed_mps += step_s * driven.acceleration_mps2
-        driven = Input(*fallback) if fallback else braking_input(limits, driven, speed_mps, step_s)
-        fallback = None
-    return driven
+def _reachable(planned: Array, limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
+    turn_rate, acceleration = planned.tolist()
+    slowest, fastest = ((bound - speed_mps) / step_s for bound in (-limits.speed_mps, limits.speed_mps))
+    wanted = Input(turn_rate, min(max(acceleration, slowest), fastest))
+    return reachable_inputs(limits, previous, step_s).clip(wanted)
 
 
-def is_same_input(one: Input, other: Input, limits: Limits) -> bool:
-    """Whether two inputs are equal, up to what is lost when they are recovered from poses."""
-    return (
-        abs(one.turn_rate_radps - other.turn_rate_radps) <= SAME * limits.turn_rate_radps
-        and abs(one.acceleration_mps2 - other.acceleration_mps2) <= SAME * limits.acceleration_mps2
-    )
-
-
-def without_a_plan(limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
+def failure_input(limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
     """The publication's rule for a step at which a problem was not solved.
 
     Going forward (or standing), the lowest reachable acceleration and turn rate; in reverse, the highest.
@@ -80,66 +133,70 @@ def without_a_plan(limits: Limits, previous: Input, speed_mps: float, step_s: fl
     return lowest if speed_mps >= 0 else highest
 
 
-def _within_limits(planned: Array, limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
-    turn_rate, acceleration = planned.tolist()
-    slowest, fastest = ((bound - speed_mps) / step_s for bound in (-limits.speed_mps, limits.speed_mps))
-    wanted = Input(turn_rate, min(max(acceleration, slowest), fastest))
-    return reachable_inputs(limits, previous, step_s).clip(wanted)
-
-
-DOUBTFUL = 3
-"""So many of the last commands may have come too late without anything that showed it."""
-
-
-class _Given(NamedTuple):
-    """A command that was given, with the speed at its step in m/s."""
-
-    command: Command
-    speed_mps: float
-
-
-class GivenCommands:
+class CommandHistory:
     """The last commands of one robot that came in time, as far as it knows.
 
     Args:
+        robot: whose commands they are.
         limits: of the robot.
         step_s: Δt in s.
     """
 
-    def __init__(self, limits: Limits, step_s: float) -> None:
+    def __init__(self, robot: str, limits: Limits, step_s: float) -> None:
+        self._robot = robot
         self._limits = limits
         self._step_s = step_s
-        self._given: deque[_Given] = deque(maxlen=DOUBTFUL + 1)
+        self._commands: deque[tuple[Command, float]] = deque(maxlen=DOUBTFUL + 1)
+        """Each with the speed at its step in m/s."""
 
     def add(self, command: Command, speed_mps: float) -> None:
-        """A command is given at its step, at which the robot drives at this speed."""
-        self._given.append(_Given(command, speed_mps))
+        """A command is sent for its step, at which the robot drives at this speed."""
+        self._commands.append((command, speed_mps))
 
     def withdraw(self) -> None:
-        """The last command came too late to be given."""
-        self._given.pop()
-
-    def withdraw_late(self, seen: Input, step: int) -> None:
-        """Take back the commands that were not driven, as far as the robot's own motion shows it.
-
-        Noise can hide that; then all of them count as driven.
-
-        Args:
-            seen: the input that has led to the state of a step, from states seen at both its ends.
-            step: that step.
-        """
-        possible = [*(self._driven(given, step) for given in reversed(self._given)), STANDSTILL]
-        for late, driven in enumerate(possible):
-            if is_same_input(seen, driven, self._limits):
-                for _ in range(late):
-                    self.withdraw()
-                return
+        """The last command came too late to be sent."""
+        self._commands.pop()
 
     def driven_before(self, step: int) -> Input | None:
-        """What the robot drove at the step before; None: it has given no command that would tell."""
-        return self._driven(self._given[-1], step) if self._given else None
+        """What the robot drove at the step before; None as long as it has sent no command."""
+        return self._driven(*self._commands[-1], step) if self._commands else None
 
-    def _driven(self, given: _Given, step: int) -> Input:
-        """What it drove before a step if this was its last command in time."""
-        missed_steps = step - given.command.step - 1
-        return driven_last(given.command, given.speed_mps, missed_steps, self._limits, self._step_s)
+    def previous_input(self, memory: Memory) -> Input:
+        """What the robot drove at the step before the present one; recovered from poses without a command.
+
+        Commands that came too late, as far as the robot's own motion shows it, are withdrawn first. Noise can
+        hide that; then all of them count as driven.
+        """
+        seen = memory.previous_input(self._robot)
+        if memory.saw_last_step(self._robot):
+            driven = [self._driven(*each, memory.step) for each in reversed(self._commands)]
+            for late, each in enumerate([*driven, STANDSTILL]):
+                if self._is_same(seen, each):
+                    for _ in range(late):
+                        self.withdraw()
+                    break
+        driven_before = self.driven_before(memory.step)
+        return seen if driven_before is None else driven_before
+
+    def _driven(self, command: Command, speed_mps: float, step: int) -> Input:
+        """What was driven before a step if this was the last command in time, sent at that speed.
+
+        At the first step without a command that is the last one's `then`, from there on or without it
+        braking: what the world does, and so exactly what was driven, up to the noise in the speed.
+        """
+        driven, fallback = command.input, command.then
+        for _ in range(min(step - command.step - 1, LONGEST_BRAKING_STEPS)):
+            speed_mps += self._step_s * driven.acceleration_mps2
+            driven = (
+                Input(*fallback) if fallback else braking_input(self._limits, driven, speed_mps, self._step_s)
+            )
+            fallback = None
+        return driven
+
+    def _is_same(self, one: Input, other: Input) -> bool:
+        """Whether two inputs are equal, up to what is lost when they are recovered from poses."""
+        limits = self._limits
+        return (
+            abs(one.turn_rate_radps - other.turn_rate_radps) <= SAME * limits.turn_rate_radps
+            and abs(one.acceleration_mps2 - other.acceleration_mps2) <= SAME * limits.acceleration_mps2
+        )

@@ -5,8 +5,7 @@ from typing import Literal
 
 from agent.estimate.bilevel import Bilevel
 from agent.estimate.constant_acceleration import ConstantAcceleration
-from agent.estimate.exchanged import Exchanged
-from agent.estimate.interface import GoalEstimator
+from agent.estimate.goals import Exchanged, GoalEstimator
 from agent.estimate.inverse_optimal_control import InverseOptimalControl
 from agent.estimate.joint_fit import JointFit
 from agent.estimate.kalman_filter import KalmanFilter

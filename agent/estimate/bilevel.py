@@ -23,8 +23,7 @@ import numpy as np
 from agent.estimate.window import WindowStarts, ahead, goals_at, inside, window_length, window_of
 from agent.remember.memory import Memory
 from agent.solve.deadline import Deadline
-from agent.solve.problem import JointProblem, Solution, Start
-from agent.solve.problems import joint_problem
+from agent.solve.problem import JointProblem, Solution, Start, joint_problem
 from agent.solve.realtime.solver import RealTimeSolver, Response, respond
 from agent.solve.vehicle import Array, rollout
 from protocol.scene import Area, Scene
@@ -68,7 +67,7 @@ class Bilevel:
         self._starts: dict[str, WindowStarts] = {}
 
     def estimate(self, memory: Memory) -> dict[str, Array]:
-        """See :class:`agent.estimate.interface.GoalEstimator`."""
+        """See :class:`agent.estimate.goals.GoalEstimator`."""
         robots = memory.robots
         self._starts = {robot: self._starts.get(robot, WindowStarts()) for robot in robots}
         self._goals = {robot: self._estimate_one(memory, robot) for robot in robots}

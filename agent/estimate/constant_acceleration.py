@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agent.estimate.interface import goal_inside
+from agent.estimate.goals import goal_inside
 from agent.remember.memory import Memory
 from agent.solve.compiled import kernel
 from agent.solve.vehicle import Array
@@ -21,7 +21,7 @@ class ConstantAcceleration:
         self._scene = scene
 
     def estimate(self, memory: Memory) -> dict[str, Array]:
-        """See :class:`agent.estimate.interface.GoalEstimator`."""
+        """See :class:`agent.estimate.goals.GoalEstimator`."""
         return {robot: self.estimate_one(memory, robot) for robot in memory.robots}
 
     def estimate_one(self, memory: Memory, robot: str) -> Array:

@@ -7,7 +7,7 @@ objective.
 """
 
 from agent.estimate.constant_acceleration import ConstantAcceleration
-from agent.estimate.interface import goal_inside
+from agent.estimate.goals import goal_inside
 from agent.estimate.interior_point import solve_inverse
 from agent.estimate.inverse_problem import InverseProblem, InverseProblems
 from agent.remember.memory import Memory
@@ -29,7 +29,7 @@ class InverseOptimalControl:
         self._problems = InverseProblems(scene)
 
     def estimate(self, memory: Memory) -> dict[str, Array]:
-        """See :class:`agent.estimate.interface.GoalEstimator`."""
+        """See :class:`agent.estimate.goals.GoalEstimator`."""
         problems = self._problems.of(memory)
         return {robot: self._estimate_one(memory, robot, problems.get(robot)) for robot in memory.robots}
 

@@ -68,7 +68,7 @@ class JointFit:
         self._starts = WindowStarts()
 
     def estimate(self, memory: Memory) -> dict[str, Array]:
-        """See :class:`agent.estimate.interface.GoalEstimator`."""
+        """See :class:`agent.estimate.goals.GoalEstimator`."""
         robots = memory.robots
         self._beliefs = {
             robot: self._beliefs[robot] if robot in self._beliefs else self._first(memory.state(robot))

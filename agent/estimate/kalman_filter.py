@@ -98,7 +98,7 @@ class KalmanFilter:
         self._starts = WindowStarts()
 
     def estimate(self, memory: Memory) -> dict[str, Array]:
-        """See :class:`agent.estimate.interface.GoalEstimator`."""
+        """See :class:`agent.estimate.goals.GoalEstimator`."""
         self._keep_to(memory)
         self._covariance += WALK_M**2 * np.eye(len(self._mean))
         length = window_length(memory, self._robots, self._scene)

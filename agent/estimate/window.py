@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.estimate.interface import goal_inside
+from agent.estimate.goals import goal_inside
 from agent.remember.memory import Memory
-from agent.solve.problem import JointProblem, Solution, Start
-from agent.solve.problems import WarmStarts, joint_problem
+from agent.solve.multistart import WarmStarts
+from agent.solve.problem import JointProblem, Solution, Start, joint_problem
 from agent.solve.vehicle import Array, recovered_inputs
 from protocol.scene import Area, Scene
 from protocol.vehicle import STANDSTILL, Input

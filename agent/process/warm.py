@@ -15,7 +15,7 @@ import numpy as np
 
 from agent.agent import Agent
 from agent.estimate import GoalsName
-from agent.remember.gate import REACQUIRED_AFTER
+from agent.remember.perception import REACQUIRED_AFTER
 from agent.solve import SolverName
 from agent.solve.compiled import FOLDER, is_complete, is_writable, mark_complete, places
 from agent.solve.vehicle import rollout

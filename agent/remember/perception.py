@@ -1,15 +1,113 @@
-"""What an observation tells that can be believed, and what takes the place of what cannot."""
+"""Of what was observed, what is believed: the kinematic gate, and dead reckoning where it refuses."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from agent.remember.gate import Gate
-from agent.remember.memory import Memory
+from agent.remember.memory import LONGEST_GAP, Memory
 from agent.solve.vehicle import rollout
-from protocol.messages import Observation
+from protocol.messages import Accuracy, Observation, State
 from protocol.scene import Scene
-from protocol.vehicle import Input
+from protocol.vehicle import Input, Limits
+
+MARGIN_M = 0.1
+"""By how much a position may be off what the limits allow: no vehicle is driven in exact Euler steps."""
+MARGIN_RAD = 0.05
+MARGIN_MPS = 0.1
+SIGMAS = 5.0
+REACQUIRED_AFTER = 3
+"""So many sightings in a row that fit one another are believed, although they do not fit those before."""
+
+
+Judgement = Literal["believed", "refused", "reacquired"]
+"""Of a sighting: it follows from those before it; it does not; or it begins anew, after several refused ones
+that fit one another."""
+
+
+class _Sighting(NamedTuple):
+    step: int
+    state: State
+
+
+class Gate:
+    """Judges each sighting of a robot by the last one that was believed.
+
+    Between two sightings a vehicle can neither speed up, turn nor move by more than its limits allow, and it
+    moves as fast as it says. A sighting that breaks this is refused: a jump, or a place held at speed. After
+    ``REACQUIRED_AFTER`` refused ones in a row that fit one another, the last one is believed, as where the
+    robot now is. Only who has not been seen for ``LONGEST_GAP`` steps, believed or not, is believed at once.
+
+    Args:
+        step_s: Δt in s.
+        limits_of: limits of each robot.
+    """
+
+    def __init__(self, step_s: float, limits_of: Callable[[str], Limits]) -> None:
+        self._step_s = step_s
+        self._limits_of = limits_of
+        self._believed: dict[str, _Sighting] = {}
+        self._refused: dict[str, list[_Sighting]] = {}
+
+    def judge(self, robot: str, step: int, state: State, accuracy: Accuracy) -> Judgement:
+        """What to make of a sighting; each is judged once.
+
+        Args:
+            robot: which one.
+            step: at which it was in this state.
+            state: as measured.
+            accuracy: of the measurement.
+        """
+        sighting = _Sighting(step, state)
+        last, refused = self._believed.get(robot), self._refused.setdefault(robot, [])
+        if last is not None and step <= last.step:
+            return "believed"  # of an old view newer ones are known; it changes nothing
+        judgement: Judgement = "believed"
+        known = last is not None and step - last.step <= LONGEST_GAP
+        doubted = bool(refused) and step - refused[-1].step <= LONGEST_GAP
+        follows = last is not None and known and self._could_follow(robot, last, sighting, accuracy)
+        if not follows and (known or doubted):
+            if refused and not self._could_follow(robot, refused[-1], sighting, accuracy):
+                refused.clear()
+            refused.append(sighting)
+            if len(refused) < REACQUIRED_AFTER:
+                return "refused"
+            judgement = "reacquired"
+        refused.clear()
+        self._believed[robot] = sighting
+        return judgement
+
+    def _could_follow(self, robot: str, before: _Sighting, after: _Sighting, accuracy: Accuracy) -> bool:
+        """Whether a vehicle could have come from one sighting to the other."""
+        limits, time_s = self._limits_of(robot), (after.step - before.step) * self._step_s
+        one, two = before.state, after.state
+        speed_sigma, turn_sigma = SIGMAS * accuracy.speed_mps, SIGMAS * accuracy.heading_rad
+        if abs(two.speed_mps) > limits.speed_mps + MARGIN_MPS + speed_sigma:
+            return False
+        speed_change = abs(two.speed_mps - one.speed_mps) - MARGIN_MPS - 1.5 * speed_sigma
+        if speed_change > limits.acceleration_mps2 * time_s:
+            return False
+        turned = abs(math.remainder(two.heading_rad - one.heading_rad, math.tau))
+        if turned - MARGIN_RAD - 1.5 * turn_sigma > limits.turn_rate_radps * time_s:
+            return False
+        return self._off_m(before, after, time_s) <= self._allowed_m(limits, one, time_s, accuracy)
+
+    def _off_m(self, before: _Sighting, after: _Sighting, time_s: float) -> float:
+        """How far a robot is from where it would be had it gone straight on at its speed."""
+        way_m, heading = before.state.speed_mps * time_s, before.state.heading_rad
+        return math.hypot(
+            after.state.x_m - before.state.x_m - way_m * math.cos(heading),
+            after.state.y_m - before.state.y_m - way_m * math.sin(heading),
+        )
+
+    def _allowed_m(self, limits: Limits, state: State, time_s: float, accuracy: Accuracy) -> float:
+        """What acceleration, turning and noise can add to that."""
+        turned = min(limits.turn_rate_radps * time_s, 2.0)
+        sped_m = limits.acceleration_mps2 * time_s**2 / 2.0
+        swerved_m = (abs(state.speed_mps) * time_s + sped_m) * turned / 2.0
+        noise_mps = accuracy.speed_mps + abs(state.speed_mps) * accuracy.heading_rad
+        return MARGIN_M + sped_m + swerved_m + SIGMAS * (1.5 * accuracy.position_m + time_s * noise_mps)
 
 
 class Perception:

@@ -1,34 +1,9 @@
 """By when a decision should be made: what solvers ask before they go on improving."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-
-from protocol.messages import Timings
+from collections.abc import Callable
 
 Clock = Callable[[], float]
 """Seconds from any fixed point; never runs backwards."""
-
-
-class Stopwatch:
-    """Milliseconds spent in each phase of one decision, and in the whole of it so far."""
-
-    def __init__(self, clock: Clock) -> None:
-        self._clock = clock
-        self._start = clock()
-        self._phases: dict[str, float] = {}
-
-    @contextmanager
-    def phase(self, name: str) -> Iterator[None]:
-        """Time the enclosed work as one phase."""
-        begin = self._clock()
-        try:
-            yield
-        finally:
-            self._phases[name] = 1e3 * (self._clock() - begin)
-
-    def timings(self) -> Timings:
-        """The phases timed so far; ``decide`` runs from the making of the stopwatch until now."""
-        return Timings(**self._phases, decide=1e3 * (self._clock() - self._start))
 
 
 class Deadline:
@@ -69,18 +44,3 @@ class Deadline:
 
     def _is_over(self, question: int) -> bool:
         return self._budget_s is not None and self._clock() - self._begin_s >= self._budget_s
-
-
-class RepeatedDeadline(Deadline):
-    """One that cuts decisions short where others were cut short, whatever time it is.
-
-    Attributes:
-        repeated: the ``cut_short_at`` of the decision that is repeated next.
-    """
-
-    def __init__(self) -> None:
-        super().__init__(lambda: 0.0, None)
-        self.repeated: int | None = None
-
-    def _is_over(self, question: int) -> bool:
-        return question == self.repeated

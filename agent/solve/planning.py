@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 from agent.remember.memory import Memory
-from agent.solve.choice import best_solution
 from agent.solve.deadline import Deadline
+from agent.solve.multistart import WarmStarts, best_solution, escapes
 from agent.solve.prediction import Prediction
-from agent.solve.problem import JointSolver
-from agent.solve.problems import WarmStarts, joint_problem
-from agent.solve.starts import escapes
+from agent.solve.problem import JointSolver, joint_problem
 from agent.solve.vehicle import Array
 from protocol.scene import Scene
 from protocol.vehicle import Input
@@ -23,9 +21,16 @@ class Plan:
     solved: bool
 
 
-def plan_of(prediction: Prediction, robot: str) -> Plan:
-    """With exchanged goals the joint problem is the plan."""
-    return Plan(prediction.inputs[robot], prediction.states[robot], prediction.solved)
+class JointPlan:
+    """Plans for one robot where goals are exchanged: the joint problem is its plan."""
+
+    def __init__(self, robot: str) -> None:
+        self._robot = robot
+
+    def plan(self, memory: Memory, goal: Array, previous: Input, prediction: Prediction) -> Plan:
+        """Its own part of the prediction."""
+        robot = self._robot
+        return Plan(prediction.inputs[robot], prediction.states[robot], prediction.solved)
 
 
 class Planner:

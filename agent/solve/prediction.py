@@ -1,18 +1,19 @@
-"""Predict: the joint problem of everybody with the estimated goals (eq. 7)."""
+"""Predict: the joint problem of everybody with the estimated goals (eq. 7), or each other robot by itself."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from agent.remember.memory import Memory
-from agent.solve.choice import best_solution
 from agent.solve.deadline import Deadline
-from agent.solve.problem import JointProblem, JointSolver, Start
-from agent.solve.problems import WarmStarts, joint_problem
-from agent.solve.starts import cold_starts
+from agent.solve.multistart import WarmStarts, best_solution, cold_starts
+from agent.solve.problem import JointProblem, JointSolver, Start, joint_problem
 from agent.solve.vehicle import Array
 from protocol.scene import Scene
+
+PathModel = Callable[[Memory, str], Array]
+"""Positions (K + 1, 2) of one robot at the present and the next K stages."""
 
 RETRY_STEPS = 2
 """Where robots may see differently, a cold start is tried every so many steps, each of them in turn."""
@@ -78,3 +79,20 @@ def another_start(problem: JointProblem, step: int) -> list[Start]:
         return []
     starts = cold_starts(problem)
     return [starts[turn % len(starts)]]
+
+
+class IndependentPredictor:
+    """Predicts each other robot by a model of its motion: nobody makes way for anybody (the baselines).
+
+    The ego is not predicted, and left to plan from its own last plan.
+    """
+
+    def __init__(self, robot: str, path: PathModel) -> None:
+        self._robot = robot
+        self._path = path
+
+    def predict(self, memory: Memory, goals: Mapping[str, Array], parked: Collection[str]) -> Prediction:
+        """The paths of the others; neither goals nor who is parked are known to these models."""
+        others = [robot for robot in memory.robots if robot != self._robot]
+        paths = {robot: self._path(memory, robot) for robot in others}
+        return Prediction(paths=paths, inputs={}, starts={}, states={}, solved=True)

@@ -1,17 +1,20 @@
 """The joint trajectory problem, its solution and the interface of what solves it.
 
-Prediction (eq. 7) and planning (eq. 1) are one problem: M robots whose inputs are free, and O obstacles that
-move as told. Prediction frees all robots; planning frees the ego and lets the others move as predicted.
+Prediction (eq. 7) and planning (eq. 1) are one problem: M robots whose inputs are free, and O obstacles with
+known paths. Prediction frees all robots; planning frees the ego and lets the others move as predicted.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
+from agent.solve.compiled import kernel
 from agent.solve.vehicle import Array, rollout
-from protocol.vehicle import Limits
+from protocol.scene import Scene
+from protocol.vehicle import Input, Limits, braking_input
 
 FIRST_FREE_STAGE = 2
 """Positions up to stage 1 are settled by the present state, so distances matter from here on."""
@@ -89,6 +92,42 @@ class JointProblem:
         return float(max(shortfall.max(initial=0.0), 0.0))
 
 
+def joint_problem(
+    scene: Scene,
+    states: Mapping[str, Array],
+    goals: Mapping[str, Array],
+    paths: Mapping[str, Array],
+    inputs: Mapping[str, Input],
+    cautions_m: Mapping[str, float] = {},
+) -> JointProblem:
+    """The problem of the robots in ``goals``, with those in ``paths`` as moving obstacles.
+
+    Args:
+        scene: limits, distances, weights, horizons.
+        states: present ones, shape (4,), at least of the robots in ``goals``.
+        goals: goal state (4,) of each robot that is free to move.
+        paths: positions (K + 1, 2) of each other robot.
+        inputs: the last input of each free robot.
+        cautions_m: by which more than the safety distance to keep from robots in ``paths``.
+    """
+    steps = scene.horizons.prediction_steps
+    robots = list(goals)
+    distances_m = np.array(scene.safety_distances_m(robots, (*robots, *paths)))
+    distances_m[:, len(robots) :] += [cautions_m.get(robot, 0.0) for robot in paths]
+    return JointProblem(
+        states=np.array([states[robot] for robot in robots]),
+        previous_inputs=np.array([inputs[robot] for robot in robots]),
+        goals=np.array(list(goals.values())),
+        limits=tuple(scene.robot(robot).limits for robot in robots),
+        obstacles=np.array(list(paths.values())).reshape(-1, steps + 1, 2),
+        safety_distances=distances_m,
+        area=np.array([[scene.area.x_min_m, scene.area.y_min_m], [scene.area.x_max_m, scene.area.y_max_m]]),
+        weights=np.array(scene.weights.as_tuple()),
+        steps=steps,
+        step_s=scene.step_s,
+    )
+
+
 @dataclass(frozen=True)
 class Start:
     """Where a solver starts."""
@@ -134,3 +173,42 @@ class JointSolver(Protocol):
     def solve(self, problem: JointProblem, start: Start) -> Solution:
         """Find a local optimum near a start; ``solved`` is False where none was found."""
         ...
+
+
+def braking_inputs(problem: JointProblem) -> Array:
+    """Every robot brakes as hard as its limits allow, then stands. Shape (M, K, 2)."""
+    inputs = np.empty((len(problem.states), problem.steps, 2))
+    for robot, limits in enumerate(problem.limits):
+        previous, speed = Input(*problem.previous_inputs[robot]), float(problem.states[robot, 3])
+        for k in range(problem.steps):
+            previous = braking_input(limits, previous, speed, problem.step_s)
+            speed += problem.step_s * previous.acceleration_mps2
+            inputs[robot, k] = previous
+    return inputs
+
+
+def within_limits(problem: JointProblem, inputs: Array) -> Array:
+    """Inputs brought inside the input and rate limits, stage by stage. Shape (M, K, 2)."""
+    bounds = problem.input_bounds
+    return clip_stages(
+        np.ascontiguousarray(inputs, dtype=float),
+        np.clip(problem.previous_inputs, -bounds, bounds),
+        bounds,
+        problem.rate_bounds,
+    )
+
+
+@kernel
+def clip_stages(inputs: Array, previous: Array, bounds: Array, rates: Array) -> Array:
+    """As ``protocol.vehicle.reachable_inputs`` clips one stage, for all robots and stages."""
+    result = np.empty_like(inputs)
+    for robot in range(inputs.shape[0]):
+        for c in range(2):
+            held = previous[robot, c]
+            for k in range(inputs.shape[1]):
+                low = max(held - rates[robot, c], -bounds[robot, c])
+                high = min(held + rates[robot, c], bounds[robot, c])
+                wanted = inputs[robot, k, c]
+                held = min(wanted, high) if wanted >= low else low  # what is no number becomes the lowest
+                result[robot, k, c] = held
+    return result

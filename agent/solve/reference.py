@@ -10,8 +10,15 @@ from itertools import combinations
 import casadi as ca
 import numpy as np
 
-from agent.solve.problem import FIRST_FREE_STAGE, LIMITED_QUANTITIES, JointProblem, Solution, Start
-from agent.solve.starts import braking_inputs, within_limits
+from agent.solve.problem import (
+    FIRST_FREE_STAGE,
+    LIMITED_QUANTITIES,
+    JointProblem,
+    Solution,
+    Start,
+    braking_inputs,
+    within_limits,
+)
 from agent.solve.vehicle import Array
 
 PENALTY_PER_M2 = 1e4

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from agent.agent import Agent, Decision
-from agent.solve.deadline import Clock, RepeatedDeadline
+from agent.solve.deadline import Clock, Deadline
 from fleet.audit.difference import Difference, Part, compared
 from fleet.audit.recorded import RecordedRun, too_many
 from fleet.run.moment import agent_of
@@ -33,6 +33,21 @@ class Turn:
     def differences(self) -> list[Difference]:
         """Those that there are."""
         return [each for each in (self.mind_difference, self.command_difference) if each is not None]
+
+
+class RepeatedDeadline(Deadline):
+    """One that cuts decisions short where others were cut short, whatever time it is.
+
+    Attributes:
+        repeated: the ``cut_short_at`` of the decision that is repeated next.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(lambda: 0.0, None)
+        self.repeated: int | None = None
+
+    def _is_over(self, question: int) -> bool:
+        return question == self.repeated
 
 
 class RobotReplay:

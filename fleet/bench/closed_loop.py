@@ -6,13 +6,12 @@ from itertools import combinations
 
 import numpy as np
 
-from agent.estimate.interface import known_goal
+from agent.estimate.goals import known_goal
 from agent.remember.memory import Memory
 from agent.solve import ITERATIONS, SolverName, joint_solver
-from agent.solve.choice import best_solution
 from agent.solve.deadline import Deadline
-from agent.solve.problem import JointProblem, JointSolver, Solution, Start
-from agent.solve.problems import WarmStarts, joint_problem
+from agent.solve.multistart import WarmStarts, best_solution
+from agent.solve.problem import JointProblem, JointSolver, Solution, Start, joint_problem
 from agent.solve.vehicle import Array, rollout
 from fleet.bench.durations import Duration, Timer
 from protocol.scenario import Scenario

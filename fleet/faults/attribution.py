@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.drive.monitor import braking_path, positions_ahead
+from agent.drive.safety import braking_path, positions_ahead
 from agent.solve.vehicle import Array
 from protocol.messages import TrueRobot, Truth
 from protocol.scene import Scene

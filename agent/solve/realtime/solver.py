@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from agent.solve.deadline import Deadline
-from agent.solve.problem import LIMITED_QUANTITIES, PRICE_PER_M, JointProblem, Solution, Start
+from agent.solve.problem import LIMITED_QUANTITIES, PRICE_PER_M, JointProblem, Solution, Start, within_limits
 from agent.solve.realtime.distances import violations_of
 from agent.solve.realtime.profiles import inputs_of, states_of
 from agent.solve.realtime.sequential import Data, improve
-from agent.solve.starts import within_limits
 from agent.solve.vehicle import Array
 
 TOLERANCE = 1e-5

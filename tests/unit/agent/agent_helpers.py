@@ -11,8 +11,8 @@ import numpy as np
 from agent.remember.memory import Memory
 from agent.solve import ITERATIONS, joint_solver
 from agent.solve.deadline import Deadline
+from agent.solve.multistart import cold_starts
 from agent.solve.problem import JointProblem, JointSolver, Start
-from agent.solve.starts import cold_starts
 from agent.solve.vehicle import Array
 from protocol.messages import Accuracy, Observation, State
 from protocol.scene import Area, PublicRobot, Scene

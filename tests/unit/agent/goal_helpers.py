@@ -4,7 +4,7 @@ import numpy as np
 from agent_helpers import SOLVERS, STEP_S
 from realtime_helpers import closed_loop, random_crossing
 
-from agent.estimate.interface import GoalEstimator
+from agent.estimate.goals import GoalEstimator
 from agent.remember.memory import Memory
 from agent.solve.problem import JointProblem, JointSolver
 from agent.solve.vehicle import Array

@@ -10,9 +10,8 @@ import numpy as np
 from agent_helpers import NEVER, problem_of
 
 from agent.solve import ITERATIONS, joint_solver
-from agent.solve.choice import best_solution
+from agent.solve.multistart import WarmStarts, best_solution
 from agent.solve.problem import JointProblem, JointSolver, Solution, Start
-from agent.solve.problems import WarmStarts
 from agent.solve.realtime.distances import NOBODY
 from agent.solve.realtime.interior_point import Program
 from agent.solve.realtime.sequential import Data

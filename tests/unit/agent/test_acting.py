@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.drive.commands import first_input, second_input, without_a_plan
+from agent.drive.commands import failure_input, first_input, second_input
 from agent.solve.planning import Plan
 from protocol.vehicle import STANDSTILL, Input, Limits
 
@@ -74,6 +74,6 @@ def test_what_is_said_for_the_step_after_can_be_reached_from_the_first_input_and
         (-2.0, Input(1.56, 2.9), (1.57, 3.0)),
     ],
 )
-def test_without_a_plan_the_publications_rule_decides(speed_mps, previous, expected):
+def test_failure_input_the_publications_rule_decides(speed_mps, previous, expected):
     """Going forward or standing the lowest reachable inputs, in reverse the highest."""
-    assert without_a_plan(Limits(), previous, speed_mps, STEP_S) == pytest.approx(expected)
+    assert failure_input(Limits(), previous, speed_mps, STEP_S) == pytest.approx(expected)

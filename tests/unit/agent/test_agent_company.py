@@ -7,8 +7,8 @@ import pytest
 from agent_helpers import SOLVERS, STEP_S, euler, scene_of, seen
 
 from agent.agent import Agent
-from agent.remember.gate import REACQUIRED_AFTER
 from agent.remember.memory import LONGEST_GAP
+from agent.remember.perception import REACQUIRED_AFTER
 from protocol.messages import Mind
 from protocol.scene import Goal
 

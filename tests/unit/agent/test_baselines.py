@@ -16,12 +16,12 @@ import agent.__main__
 from agent.agent import Agent
 from agent.estimate import ESTIMATORS, GoalsName
 from agent.methods import method_of
-from agent.remember.gate import REACQUIRED_AFTER
 from agent.remember.memory import LONGEST_GAP
+from agent.remember.perception import REACQUIRED_AFTER
+from agent.solve.multistart import cold_starts
 from agent.solve.orca import HORIZON_S, LEAN_RAD, PREFERRED_SPEED_MPS, OrcaPlanner, tracking_input
 from agent.solve.planning import Planner
 from agent.solve.prediction import Prediction
-from agent.solve.starts import cold_starts
 from protocol.scenario import Pose, Scenario, ScenarioRobot
 from protocol.scene import Goal
 from protocol.vehicle import STANDSTILL, Input, Limits

@@ -8,7 +8,7 @@ from agent_helpers import problem_of
 
 from agent.solve import joint_solver
 from agent.solve.deadline import Deadline
-from agent.solve.starts import cold_starts
+from agent.solve.multistart import cold_starts
 
 TRIES = 2000
 LARGEST = 2000

@@ -9,11 +9,10 @@ import pytest
 from agent_helpers import NEVER, SOLVERS, euler, scene_of, seen
 
 from agent.agent import Agent, Decision
-from agent.drive.monitor import CollisionMonitor
-from agent.drive.vigilance import BLIND_STEPS
+from agent.drive.safety import BLIND_STEPS, CollisionMonitor
 from agent.methods import method_of
-from agent.remember.gate import REACQUIRED_AFTER
 from agent.remember.memory import LONGEST_GAP
+from agent.remember.perception import REACQUIRED_AFTER
 from agent.solve.problem import JointProblem, JointSolver, Solution, Start
 from protocol.scene import Goal
 from protocol.vehicle import Limits, braking_input

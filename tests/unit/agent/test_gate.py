@@ -9,8 +9,8 @@ from agent_helpers import STEP_S
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.remember.gate import REACQUIRED_AFTER, Gate
 from agent.remember.memory import LONGEST_GAP
+from agent.remember.perception import REACQUIRED_AFTER, Gate
 from protocol.messages import Accuracy, State
 from protocol.vehicle import STANDSTILL, Input, Limits
 from world.physics import VehicleState, drive

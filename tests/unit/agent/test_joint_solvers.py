@@ -8,8 +8,8 @@ import pytest
 from agent_helpers import NEVER, SAFETY_M, SOLVERS, STEP_S, WEIGHTS, cold, euler, problem_of
 
 from agent.solve import ITERATIONS, joint_solver
+from agent.solve.multistart import cold_starts
 from agent.solve.problem import JointProblem, JointSolver, Solution, Start
-from agent.solve.starts import cold_starts
 
 TOLERANCE_M = 1e-5
 """Of distances, and of speeds in m/s, where a solver has converged."""

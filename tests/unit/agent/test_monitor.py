@@ -11,7 +11,7 @@ from agent_helpers import STEP_S, euler, scene_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.drive.monitor import DOUBTED_STEPS, CollisionMonitor, braking_path, gaps_m, positions_ahead
+from agent.drive.safety import DOUBTED_STEPS, CollisionMonitor, braking_path, gaps_m, positions_ahead
 from agent.remember.memory import Memory
 from agent.solve.planning import Plan
 from agent.solve.vehicle import Array

@@ -19,7 +19,7 @@ from agent.estimate.joint_fit import JointFit
 from agent.estimate.kalman_filter import KalmanFilter
 from agent.estimate.window import AHEAD_M, WindowStarts
 from agent.remember.memory import Memory
-from agent.solve.starts import cold_starts
+from agent.solve.multistart import cold_starts
 from agent.solve.vehicle import Array
 from protocol.scene import Horizons
 

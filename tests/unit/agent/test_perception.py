@@ -3,8 +3,7 @@
 import pytest
 from agent_helpers import scene_of, seen
 
-from agent.remember.gate import REACQUIRED_AFTER
-from agent.remember.perception import Perception
+from agent.remember.perception import REACQUIRED_AFTER, Perception
 from protocol.vehicle import Input
 
 A = (0.0, 0.0, 0.0, 2.0)

@@ -9,11 +9,10 @@ import pytest
 from agent_helpers import NEVER, SAFETY_M, SOLVERS, STEP_S, euler, remembered, scene_of
 
 from agent.remember.memory import Memory
-from agent.solve.planning import Planner, plan_of
+from agent.solve.multistart import WarmStarts, cold_starts
+from agent.solve.planning import JointPlan, Planner
 from agent.solve.prediction import RETRY_STEPS, Predictor
-from agent.solve.problem import JointProblem, JointSolver, Solution, Start
-from agent.solve.problems import WarmStarts, joint_problem
-from agent.solve.starts import cold_starts
+from agent.solve.problem import JointProblem, JointSolver, Solution, Start, joint_problem
 from protocol.scene import Area, PublicRobot, Scene, Weights
 from protocol.vehicle import STANDSTILL, Input, Limits
 
@@ -225,8 +224,9 @@ def test_planning_for_the_estimated_goal_repeats_the_self_prediction(solver):
 
 
 def test_with_exchanged_goals_the_prediction_is_the_plan():
-    prediction = Predictor(scene_of("ab"), SOLVERS["realtime"], NEVER).predict(memory_of("ab"), GOALS, ())
-    plan = plan_of(prediction, "b")
+    memory = memory_of("ab")
+    prediction = Predictor(scene_of("ab"), SOLVERS["realtime"], NEVER).predict(memory, GOALS, ())
+    plan = JointPlan("b").plan(memory, GOALS["b"], STANDSTILL, prediction)
     assert plan.solved
     np.testing.assert_array_equal(plan.inputs, prediction.inputs["b"])
     np.testing.assert_array_equal(plan.states, prediction.states["b"])

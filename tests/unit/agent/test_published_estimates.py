@@ -17,7 +17,7 @@ import pytest
 from agent_helpers import STEP_S, published, remembered, scene_of
 
 from agent.estimate.constant_acceleration import ConstantAcceleration
-from agent.estimate.interface import GoalEstimator
+from agent.estimate.goals import GoalEstimator
 from agent.estimate.inverse_optimal_control import InverseOptimalControl
 
 ROBOTS = [str(number) for number in range(1, 9)]

@@ -14,9 +14,9 @@ from agent_helpers import EPOCH, NEVER, SOLVERS, published
 
 from agent.agent import Agent
 from agent.drive.commands import first_input
-from agent.estimate.exchanged import Exchanged
+from agent.estimate.goals import Exchanged
 from agent.remember.memory import Memory
-from agent.solve.planning import plan_of
+from agent.solve.planning import Plan
 from agent.solve.prediction import Predictor
 from protocol.messages import Command, Observation
 from protocol.scenario import Scenario, load_scenario
@@ -84,7 +84,7 @@ def test_the_joint_prediction_drives_all_robots_along_the_published_trace(scenar
         assert prediction.solved
         for robot, known in scene.robots.items():
             speed = float(memory.state(robot)[3])
-            plan = plan_of(prediction, robot)
+            plan = Plan(prediction.inputs[robot], prediction.states[robot], prediction.solved)
             last[robot] = first_input(plan, known.limits, last[robot], speed, scene.step_s)
         return {robot: command(robot, seen.step, control) for robot, control in last.items()}
 

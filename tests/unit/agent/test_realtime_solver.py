@@ -10,11 +10,10 @@ from hypothesis import strategies as st
 from realtime_helpers import closed_loop, random_crossing
 
 from agent.solve.deadline import Deadline
-from agent.solve.problem import JointProblem, Solution, Start
+from agent.solve.problem import JointProblem, Solution, Start, clip_stages
 from agent.solve.realtime.profiles import inputs_of, states_of
 from agent.solve.realtime.sequential import improve
 from agent.solve.realtime.solver import COLD_ITERATIONS, RealTimeSolver
-from agent.solve.starts import clip_stages
 from protocol.vehicle import Limits
 
 PASSING = np.column_stack([np.zeros(31), -2.0 + 0.12 * np.arange(31)])

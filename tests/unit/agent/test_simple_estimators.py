@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from agent.estimate import ESTIMATORS
 from agent.estimate.constant_acceleration import ConstantAcceleration
-from agent.estimate.exchanged import Exchanged
+from agent.estimate.goals import Exchanged
 from protocol.scene import Goal, PublicRobot, Scene
 from protocol.vehicle import Limits
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from agent_helpers import NEVER, SOLVERS, cold, problem_of
 
-from agent.solve.choice import NEAR_GOAL_M, best_solution, is_deadlock
 from agent.solve.deadline import Deadline
+from agent.solve.multistart import NEAR_GOAL_M, best_solution, cold_starts, escapes, is_deadlock
 from agent.solve.problem import JointProblem, Solution, Start
-from agent.solve.starts import cold_starts, escapes
 
 PROBLEM = problem_of([(-4.0, 0.0, 0.0, 1.0), (4.0, 2.0, math.pi, 1.0)], [(4, 0, 0, 0), (-4, 2, math.pi, 0)])
 

@@ -16,10 +16,9 @@ import numpy as np
 import pytest
 from agent_helpers import SOLVERS, cold, euler, problem_of
 
-from agent.solve.problem import PRICE_PER_M, JointProblem, JointSolver
+from agent.solve.problem import PRICE_PER_M, JointProblem, JointSolver, within_limits
 from agent.solve.realtime import solver as realtime
 from agent.solve.reference import PENALTY_PER_M2
-from agent.solve.starts import within_limits
 
 SIZES = (1e-1, 1e-2, 1e-3, 1e-4)
 NEARBY = np.array([0.05, 0.05, 0.0, 0.0])

@@ -7,8 +7,8 @@ from agent_helpers import STEP_S, cold, problem_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.solve.problem import JointProblem
-from agent.solve.starts import SIDESTEP_RADPS, braking_inputs, cold_starts, escapes, shifted, within_limits
+from agent.solve.multistart import SIDESTEP_RADPS, cold_starts, escapes, shifted
+from agent.solve.problem import JointProblem, braking_inputs, within_limits
 from protocol.vehicle import Limits
 
 ROUNDING = 1e-9

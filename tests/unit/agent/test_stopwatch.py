@@ -4,7 +4,7 @@ from itertools import count
 
 import pytest
 
-from agent.solve.deadline import Stopwatch
+from agent.telemetry import Stopwatch
 
 
 def test_phases_and_the_whole_are_timed_in_milliseconds():

@@ -5,7 +5,7 @@ import pytest
 from agent_helpers import STEP_S, scene_of
 
 from agent.remember.memory import LONGEST_GAP, MOST_CAUTION_M, Memory
-from agent.solve.problems import joint_problem
+from agent.solve.problem import joint_problem
 from protocol.vehicle import STANDSTILL, Limits
 
 ALONG_X = (0.0, 0.0, 0.0, 1.0)

@@ -5,7 +5,7 @@ import math
 import pytest
 from agent_helpers import STEP_S, euler, scene_of
 
-from agent.drive.vigilance import BLIND_STEPS, GONE_STEPS, Vigilance
+from agent.drive.safety import BLIND_STEPS, GONE_STEPS, Vigilance
 from agent.remember.memory import LONGEST_GAP, Memory
 
 Place = tuple[float, float, float, float]

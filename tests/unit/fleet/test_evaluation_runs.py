@@ -11,7 +11,8 @@ from evaluation_helpers import evaluation_of, write_suite
 from typer.testing import CliRunner
 
 from agent.agent import Agent
-from agent.solve.deadline import Stopwatch
+from agent.estimate.goals import Exchanged
+from agent.remember.memory import Memory
 from fleet.cli import app
 from fleet.evaluate.noise import with_noise
 from fleet.evaluate.row import COLUMNS, Row
@@ -89,13 +90,13 @@ def test_what_others_do_meanwhile_counts_as_wall_clock_time_only(
 ):
     (run,) = evaluation_of(write_suite(tmp_path / "suite", "one"), goals=("exchanged",)).runs()
     execute(run)
-    think = Agent._think
+    estimate = Exchanged.estimate
 
-    def be_held_up(agent: Agent, watch: Stopwatch):
+    def be_held_up(estimator: Exchanged, memory: Memory):
         threading.Event().wait(0.1)
-        return think(agent, watch)
+        return estimate(estimator, memory)
 
-    monkeypatch.setattr(Agent, "_think", be_held_up)
+    monkeypatch.setattr(Exchanged, "estimate", be_held_up)
     row = execute(run)
     assert row.decide_cpu_p50_ms < 50.0
     assert row.cpu_s < 0.5 * row.wall_s

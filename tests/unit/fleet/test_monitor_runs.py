@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from faults_helpers import facts, fault, run, scenario
 
-from agent.drive.monitor import CollisionMonitor
+from agent.drive.safety import CollisionMonitor
 from fleet.run.moment import Moment
 from protocol.scenario import load_scenario
 from scenarios import find

@@ -1,5 +1,7 @@
-"""The last resort: brake where going on would end in a collision, whatever the optimiser thinks.
+"""When not to follow the plan: others do what nobody expects, or cannot be seen.
 
+The collision monitor is the last resort: it brakes where going on would end in a collision, whatever the
+optimiser thinks.
 Robots that agree pass one another closely and fast, and look like a danger long before they would have to
 brake. What tells an agreement from a fault is whether the other does what was expected of it. Of a robot that
 does not, nothing is assumed but that it goes on as it does, or that it brakes as hard as its limits allow.
@@ -9,7 +11,7 @@ import math
 
 import numpy as np
 
-from agent.remember.memory import Memory
+from agent.remember.memory import MOST_CAUTION_M, Memory
 from agent.solve.planning import Plan
 from agent.solve.prediction import Prediction
 from agent.solve.vehicle import Array, rollout, velocity
@@ -26,6 +28,10 @@ DOUBTED_STEPS = 10
 """For so long a robot is doubted that was once elsewhere than expected."""
 LONGEST_S = 10.0
 """No braking is looked at for longer."""
+BLIND_STEPS = 5
+"""For so long others are extrapolated; then the robot stops, if one of them could be in its way."""
+GONE_STEPS = 30
+"""A robot that has not been seen for so long is taken to have left; then the way is free again."""
 
 
 class CollisionMonitor:
@@ -188,3 +194,58 @@ def gaps_m(path: Array, ways: Array, least_m: Array) -> Array:
     own = path[np.minimum(np.arange(steps), len(path) - 1)]
     gaps: Array = np.linalg.norm(ways - own, axis=-1).min(axis=-1) - least_m
     return gaps
+
+
+class Vigilance:
+    """Remembers everybody that was seen lately.
+
+    Args:
+        scene: limits and distances.
+        robot: who looks.
+    """
+
+    def __init__(self, scene: Scene, robot: str) -> None:
+        self._scene = scene
+        self._robot = robot
+        self._last: dict[str, tuple[int, Array]] = {}
+
+    def look(self, memory: Memory, age_steps: int = 0) -> None:
+        """Take in who was seen; to be called once a step.
+
+        Args:
+            memory: with what is seen now.
+            age_steps: how old the view of the others is: who was seen so long ago is seen.
+        """
+        for robot in memory.robots:
+            if robot != self._robot:
+                seen_step = min(memory.step, memory.step - memory.unseen_steps(robot) + age_steps)
+                self._last[robot] = seen_step, memory.state(robot).copy()
+        self._last = {
+            robot: (seen_step, state)
+            for robot, (seen_step, state) in self._last.items()
+            if memory.step - seen_step <= GONE_STEPS
+        }
+
+    def is_blind(self, memory: Memory) -> bool:
+        """Whether somebody that was not seen for long could be in the way: then the robot has to stop."""
+        return any(
+            memory.step - seen_step > BLIND_STEPS and self._could_meet(memory, robot, state)
+            for robot, (seen_step, state) in self._last.items()
+        )
+
+    def _could_meet(self, memory: Memory, robot: str, state: Array) -> bool:
+        own = memory.state(self._robot)
+        apart = state[:2] - own[:2]
+        distance_m = float(np.hypot(*apart))
+        safety_m = self._scene.safety_distance_m(self._robot, robot) + MOST_CAUTION_M
+        if distance_m < safety_m:
+            return True
+        approaches = float((velocity(state) - velocity(own)) @ apart) < 0.0
+        reach_m = self._stopping_m(self._robot, own) + self._stopping_m(robot, state)
+        return approaches and distance_m < safety_m + reach_m
+
+    def _stopping_m(self, robot: str, state: Array) -> float:
+        """About how far a robot drives until it stands."""
+        limits, speed_mps = self._scene.robot(robot).limits, abs(float(state[3]))
+        ramp_s = limits.acceleration_mps2 / limits.jerk_mps3
+        return speed_mps * ramp_s + speed_mps**2 / (2.0 * limits.acceleration_mps2)

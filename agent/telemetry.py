@@ -1,0 +1,122 @@
+"""What a robot reports of each decision: what it thought, how it was degraded, how long it took."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import count
+
+from agent.remember.memory import Memory
+from agent.solve.planning import Plan
+from agent.solve.prediction import Prediction
+from agent.solve.vehicle import Array
+from protocol.messages import Degradation, Mind, Observation, Phase, Positions, State, Timings
+
+
+class Stopwatch:
+    """Milliseconds spent in each phase of one decision, and in the whole of it so far."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock = clock
+        self._start = clock()
+        self._phases: dict[str, float] = {}
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        """Time the enclosed work as one phase."""
+        begin = self._clock()
+        try:
+            yield
+        finally:
+            self._phases[name] = 1e3 * (self._clock() - begin)
+
+    def timings(self) -> Timings:
+        """The phases timed so far; ``decide`` runs from the making of the stopwatch until now."""
+        return Timings(**self._phases, decide=1e3 * (self._clock() - self._start))
+
+
+@dataclass
+class Thought:
+    """What one turn of algorithm 1 came to; a robot that has arrived thinks nothing."""
+
+    refused: set[str]
+    """Robots whose sightings are not believed."""
+    arrived: bool
+    goals: dict[str, Array] = field(default_factory=dict)
+    prediction: Prediction | None = None
+    plan: Plan | None = None
+    emergency: Degradation | None = None
+    """Why the plan is not followed."""
+
+    @property
+    def failed(self) -> tuple[Phase, ...]:
+        """Phases whose problem was not solved. A failed prediction leaves nothing to plan with."""
+        if self.prediction is not None and not self.prediction.solved:
+            return ("predict",)
+        if self.plan is not None and not self.plan.solved:
+            return ("plan",)
+        return ()
+
+
+class Telemetry:
+    """Reports of one robot, and what they count since it joined an epoch."""
+
+    def __init__(self, robot: str) -> None:
+        self._robot = robot
+        self._ordinals = count()
+        self._solver_failures = 0
+
+    def mind(
+        self,
+        observation: Observation,
+        memory: Memory,
+        thought: Thought,
+        interventions: int,
+        cut_short_at: int | None,
+        watch: Stopwatch,
+    ) -> Mind:
+        """The report of one decision; to be called once for each.
+
+        Args:
+            observation: that was decided on.
+            memory: with it.
+            thought: of the decision.
+            interventions: of the collision monitor so far.
+            cut_short_at: see :class:`agent.solve.deadline.Deadline`.
+            watch: that timed the decision.
+        """
+        self._solver_failures += len(thought.failed)
+        paths = thought.prediction.paths if thought.prediction else {}
+        return Mind(
+            epoch=observation.epoch,
+            robot=self._robot,
+            step=observation.step,
+            decision=next(self._ordinals),
+            arrived=thought.arrived,
+            estimates={robot: State.of(*goal.tolist()) for robot, goal in thought.goals.items()},
+            prediction={robot: _positions(path) for robot, path in paths.items()},
+            plan=_positions(thought.plan.states) if thought.plan else (),
+            failed=thought.failed,
+            solver_failures=self._solver_failures,
+            degraded=self._degradations(observation, memory, thought),
+            interventions=interventions,
+            cut_short_at=cut_short_at,
+            timings_ms=watch.timings(),
+        )
+
+    def _degradations(
+        self, observation: Observation, memory: Memory, thought: Thought
+    ) -> tuple[Degradation, ...]:
+        """In which ways a decision was not as it should be."""
+        others = (robot for robot in memory.robots if robot != self._robot)
+        found: dict[Degradation, bool] = {
+            "extrapolation": any(memory.unseen_steps(robot) > observation.age_steps for robot in others),
+            "gate": bool(thought.refused),
+            "controlled stop": thought.emergency == "controlled stop",
+            "solver failure": bool(thought.failed),
+            "intervention": thought.emergency == "intervention",
+        }
+        return tuple(degradation for degradation, is_so in found.items() if is_so)
+
+
+def _positions(states: Array) -> Positions:
+    return tuple(map(tuple, states[:, :2].tolist()))
