@@ -13,28 +13,27 @@ import zenoh
 from agent.check.command import check_device
 from agent.check.findings import Device
 from agent.estimate import DEFAULT_GOALS, GoalsName
-from agent.process.health import RobotHealth, watched
+from agent.process.health import RobotHealth
 from agent.process.joining import SceneError
 from agent.process.options import options_in
 from agent.process.robot import MakeAgent, RobotOptions, RobotProcess, make_agent
 from agent.process.warm import CompilingError
 from agent.solve import ITERATIONS, SolverName
 from agent.solve.orca import is_available
-from chassis.logs import log_to_journal
-from chassis.signals import end_with_parent, on_wish_to_end
-from chassis.watching import HELP as WATCH_PORT_HELP
-from chassis.watching import VARIABLE as WATCH_PORT
-from chassis.watching import WatchPortError
-from chassis.yaml_file import YamlFileError
+from chassis.healthy import HELP as WATCH_PORT_HELP
+from chassis.healthy import VARIABLE as WATCH_PORT
+from chassis.process import end_with_parent, log_to_journal, on_wish_to_end
+from chassis.refusal import run as run_command
+from chassis.refusal import said_by
+from chassis.watching import watch_port as watched
 from protocol.codec import MessageError
 from protocol.device_keys import DeviceKeys
-from protocol.identity import IdentityError, client_identity
+from protocol.identity import client_identity
 from protocol.keys import checked_name
 from protocol.scene import MAX_ROBOTS, Goal
 from protocol.session import reason_of
 
 NOT_READY = 1
-WRONG_USAGE = 2
 FAILED = 3
 ITERATIONS_HELP = "Most iterations of the real-time solver for one trajectory problem at one step."
 GOALS_HELP = (
@@ -50,11 +49,7 @@ ABOUT_THE_DEVICE = ("config", "check", "json", "robots")
 def _configured(context: typer.Context, path: Path | None) -> Path | None:
     """Take what the command line and the environment leave open from the file."""
     if path is not None:
-        try:
-            context.default_map = options_in(path)
-        except YamlFileError as error:
-            typer.echo(str(error), err=True)
-            raise typer.Exit(WRONG_USAGE) from None
+        context.default_map = options_in(path)
     return path
 
 
@@ -289,12 +284,9 @@ def run_robot(
     """
     end_with_parent()
     log_to_journal()
-    try:
-        now = datetime.now(UTC)
+    now = datetime.now(UTC)
+    with said_by(f"robot {robot}"):
         identity = client_identity(robot, connect, password_file, keys, now)
-    except IdentityError as error:
-        typer.echo(f"robot {robot}: {error}", err=True)
-        raise typer.Exit(WRONG_USAGE) from None
     options = RobotOptions(
         robot, parse_goal(goal), connect, identity, run, goals, solver, iterations, seconds(budget_ms)
     )
@@ -304,9 +296,9 @@ def run_robot(
     process = RobotProcess(options, make_agent, health)
     on_wish_to_end(process.stop)
     try:
-        with watched(health, watch_port):
+        with said_by(f"robot {robot}"), watched(health, watch_port):
             process.run()
-    except (SceneError, MessageError, CompilingError, WatchPortError) as error:
+    except (SceneError, MessageError, CompilingError) as error:
         typer.echo(f"robot {robot}: {error}", err=True)
         raise typer.Exit(FAILED) from None
     except zenoh.ZError as error:
@@ -319,4 +311,4 @@ def run_robot(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run_command(main)

@@ -5,9 +5,11 @@ from typing import Annotated
 import typer
 
 import agent.__main__
+from chassis.refusal import Group
 from protocol.version import version_text
 
 app = typer.Typer(
+    cls=Group,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

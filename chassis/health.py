@@ -1,58 +1,114 @@
-"""Whether a process goes on, and does what it is there for: for people, health checks and systemd."""
+"""How a process is, reported by its loop: to people, health checks and the service manager.
 
+The service manager is told by systemd's protocol (``sd_notify``); where none listens, in ``NOTIFY_SOCKET``,
+nothing is sent.
+"""
+
+import os
+import socket
 import time
-from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
+from typing import Self
 
-from chassis.service_manager import LONGEST_START_S, ServiceManager
+import structlog
 
-BOUNDS_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
-"""From a fast phase to a decision by the reference solver."""
-
-
-class Durations:
-    """Counts durations; added to on one thread, looked at on any.
-
-    Args:
-        bounds_s: upper ends of the classes in s; one more, without end, comes after them.
-    """
-
-    def __init__(self, bounds_s: Sequence[float] = BOUNDS_S) -> None:
-        self._bounds_s = bounds_s
-        self._counts = [0] * (len(bounds_s) + 1)
-        self.sum_s = 0.0
-
-    def add(self, duration_s: float) -> None:
-        """Something took so long."""
-        self._counts[bisect_left(self._bounds_s, duration_s)] += 1
-        self.sum_s += duration_s
-
-    def buckets(self) -> list[tuple[str, float]]:
-        """As Prometheus wants them: each bound, and how many took no longer."""
-        names = [*map(str, self._bounds_s), "+Inf"]
-        counts = list(self._counts)
-        return [(name, float(sum(counts[: index + 1]))) for index, name in enumerate(names)]
-
-
+LONGEST_START_S = 120.0
+"""What a process may take for one piece of its start, such as loading the solver on a slow device."""
+FEEDINGS = 4
+"""A watchdog is fed so many times in the time in which it wants to be fed once."""
 BEAT_S = 0.5
 """No loop waits longer without a sign of life."""
 LONGEST_SILENCE_S = 10.0
 """A loop that has given no sign of life for longer hangs."""
+
+_US = 1e6
+
+
+class ServiceManager:
+    """Sends datagrams that never wait: the loop that reports must not depend on who listens.
+
+    What is not taken at once goes out with the next message; of each kind only the newest counts.
+
+    Args:
+        address: of the socket: a path, or ``@`` and an abstract name; None: nobody listens.
+        watchdog_s: within which a sign of life is expected; None: never.
+        now_s: a monotonic clock.
+    """
+
+    def __init__(
+        self,
+        address: str | None = None,
+        watchdog_s: float | None = None,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._log = structlog.get_logger("service")
+        # An abstract name begins with a zero byte, which is written as @.
+        self._address = address and (f"\0{address[1:]}" if address.startswith("@") else address)
+        self._pause_s = LONGEST_START_S / FEEDINGS
+        self._watchdog_s = watchdog_s
+        self._now_s = now_s
+        self._is_up = False
+        self._fed_s: float | None = None
+        self._unsaid: dict[str, str] = {}
+
+    @classmethod
+    def of_environment(cls, environment: Mapping[str, str] = os.environ) -> Self:
+        """The one that this process was started by; only a watchdog that is meant for this process counts."""
+        watchdog_us = environment.get("WATCHDOG_USEC")
+        meant = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
+        watchdog_s = int(watchdog_us) / _US if watchdog_us and watchdog_us.isdigit() and meant else None
+        return cls(environment.get("NOTIFY_SOCKET"), watchdog_s)
+
+    def alive(self) -> None:
+        """The loop goes on: feeds the watchdog or, before :meth:`up`, asks for more time to start.
+
+        To be called by the loop itself, as often as it likes.
+        """
+        now_s = self._now_s()
+        if self._fed_s is not None and now_s - self._fed_s < self._pause_s and not self._unsaid:
+            return
+        if not self._is_up:
+            self.tell(EXTEND_TIMEOUT_USEC=str(round(LONGEST_START_S * _US)))
+        elif self._watchdog_s is not None or self._unsaid:
+            self.tell(WATCHDOG="1")
+        self._fed_s = now_s
+
+    def up(self) -> None:
+        """The process does from now on what it was started for."""
+        if not self._is_up:
+            self._is_up = True
+            self._unsaid.pop("EXTEND_TIMEOUT_USEC", None)
+            if self._watchdog_s is not None:
+                self._pause_s = self._watchdog_s / FEEDINGS
+            self.tell(READY="1")
+
+    def tell(self, **words: str) -> None:
+        """Tell by assignments such as ``STATUS="waiting"``."""
+        if self._address is None:
+            return
+        self._unsaid |= words
+        said = "\n".join(f"{name}={' '.join(value.split())}" for name, value in self._unsaid.items())
+        try:
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as sending:
+                sending.sendto(said.encode(), self._address)
+        except BlockingIOError:  # its queue is full
+            return
+        except OSError as error:
+            self._log.warning("the service manager does not listen", reason=error.strerror)
+            self._address = None
+        self._unsaid.clear()
 
 
 class VitalSigns:
     """The loop of a process gives its signs of life here; any thread may ask how it is.
 
     Args:
-        manager: gets the signs of life, too; None for the one that this process was started by.
         now_s: a monotonic clock.
     """
 
-    def __init__(
-        self, manager: ServiceManager | None = None, now_s: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
         self.now_s = now_s
-        self._manager = manager or ServiceManager.of_environment()
+        self._manager = ServiceManager.of_environment()
         self._beaten_s: float | None = None
         self._longest_s = LONGEST_START_S
         self._wanting: str | None = "it has just been started"
@@ -88,9 +144,7 @@ class VitalSigns:
         if self._beaten_s is None:
             return self._wanting
         silent_s = self.now_s() - self._beaten_s
-        if silent_s <= self._longest_s:
-            return None
-        return f"no sign of life for {silent_s:.0f} s"
+        return f"no sign of life for {silent_s:.0f} s" if silent_s > self._longest_s else None
 
     def why_not_ready(self) -> str | None:
         """What keeps the process from what it is there for; None: nothing."""

@@ -1,5 +1,7 @@
 """How a command says no: one sentence for people on standard error, and one exit status with a name."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import IntEnum
 from typing import Any
 
@@ -15,7 +17,7 @@ class ExitStatus(IntEnum):
     UNMET = 1
     """It ended in order, but not as hoped: not all robots arrived, a device is not ready, an interruption."""
     WRONG_USAGE = 2
-    """What it was given is wrong: options, files, keys."""
+    """What it got is wrong: options, files, keys."""
     FAILED = 3
     """Something that it needs failed or is not there: a process, the network, the disk, the world."""
 
@@ -23,7 +25,7 @@ class ExitStatus(IntEnum):
 class Refusal(Exception):
     """The end of a command before it has done its work.
 
-    Raised wherever the reason is found, and printed in one place, :class:`Refusing`.
+    Raised wherever the reason is found, and printed in one place, :class:`Command` or :class:`Group`.
 
     Args:
         sentence: what was found, where, what was expected and what to do.
@@ -35,16 +37,36 @@ class Refusal(Exception):
         self.status = status
 
 
+@contextmanager
+def said_by(name: str) -> Iterator[None]:
+    """Put the name of a process in front of the sentences of refusals, where several share a terminal."""
+    try:
+        yield
+    except Refusal as refusal:
+        raise Refusal(f"{name}: {refusal}", refusal.status) from refusal
+
+
+@contextmanager
+def _printed() -> Iterator[None]:
+    try:
+        yield
+    except Refusal as refusal:
+        typer.echo(str(refusal), err=True)
+        raise typer.Exit(refusal.status) from None
+
+
 class Refusing:
     """Of a command line: ends with the sentence and the status of a refusal."""
 
-    def invoke(self, ctx: Any) -> Any:  # typer keeps the type of its context to itself
+    def make_context(self, *args: Any, **settings: Any) -> Any:
+        """Read the arguments; a callback of an option may refuse."""
+        with _printed():
+            return super().make_context(*args, **settings)  # type: ignore[misc]
+
+    def invoke(self, ctx: Any) -> Any:
         """Run the command."""
-        try:
+        with _printed():
             return super().invoke(ctx)  # type: ignore[misc]
-        except Refusal as refusal:
-            typer.echo(str(refusal), err=True)
-            raise typer.Exit(refusal.status) from None
 
 
 class Command(Refusing, TyperCommand):
@@ -53,3 +75,10 @@ class Command(Refusing, TyperCommand):
 
 class Group(Refusing, TyperGroup):
     """A group of commands that may refuse: ``typer.Typer(cls=Group)``."""
+
+
+def run(command: Callable[..., None]) -> None:
+    """Like ``typer.run``, with a command that may refuse."""
+    app = typer.Typer(add_completion=False)
+    app.command(cls=Command)(command)
+    app()

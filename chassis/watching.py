@@ -1,82 +1,63 @@
 """The watch port: ``/live``, ``/ready`` and ``/metrics`` over HTTP, for this machine only.
 
-It answers on threads of its own and cannot hold up the loop that it tells of: a client that is slow loses its
-place to the next one, and no more than ``MOST_A_SECOND`` are served.
+It answers on threads of its own and cannot hold up the loop that it reports on: a client that is slow loses
+its place to the next one, and no more than ``MOST_A_SECOND`` are served.
 """
 
-import http.client
-import os
+import contextlib
 import socket
 import sys
 import threading
 import time
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
 from socketserver import TCPServer, ThreadingMixIn
 from typing import Any, Protocol
 
 import structlog
-from prometheus_client.core import Metric
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.exposition import choose_encoder
 
-HOST = "127.0.0.1"
-"""Watching is for this machine: nothing there asks who somebody is."""
-LIVE, READY, METRICS = "/live", "/ready", "/metrics"
-VARIABLE = "UNSPOKEN_WATCH_PORT"
-HELP = f"Port on {HOST} at which to tell over HTTP how this process is: {LIVE}, {READY}, {METRICS}."
-PATIENCE_S = 3.0
+from chassis.healthy import HOST, LIVE, METRICS, READY
+from chassis.refusal import ExitStatus, Refusal
 
-
-class WatchPortError(Exception):
-    """A watch port that cannot be used; the text says why and what to do."""
-
-
-def port_told() -> int:
-    """The port that the environment tells.
-
-    Raises:
-        WatchPortError: it tells none.
-    """
-    told = os.environ.get(VARIABLE, "")
-    if told.isdecimal() and 0 < int(told) < 2**16:
-        return int(told)
-    raise WatchPortError(f"{VARIABLE} is {told!r}; the port at which the process can be watched is expected")
-
-
-def ask(port: int, path: str) -> tuple[bool, str]:
-    """Ask a process on this machine how it is.
-
-    Args:
-        port: its watch port.
-        path: ``LIVE`` or ``READY``.
-
-    Returns:
-        Whether it says yes, and what it says.
-
-    Raises:
-        WatchPortError: nobody answers.
-    """
-    connection = http.client.HTTPConnection(HOST, port, timeout=PATIENCE_S)
-    try:
-        connection.request("GET", path)
-        answer = connection.getresponse()
-        return answer.status == http.client.OK, answer.read(1000).decode(errors="replace").strip()
-    except (OSError, http.client.HTTPException) as error:
-        raise WatchPortError(f"nobody answers at http://{HOST}:{port}{path}: {error}") from error
-    finally:
-        connection.close()
-
-
-PATIENCE_S_watching = 2.0
+PATIENCE_S = 2.0
 """For each piece of a request, and for the client to take the answer."""
 MOST_AT_A_TIME = 16
 """Clients; one more, and the first of them has to go."""
 MOST_A_SECOND = 20
 """Clients, so that asking without end costs the process little."""
+BOUNDS_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+"""Buckets of histograms, from a fast phase to a decision by the reference solver."""
+
+Values = float | Mapping[str, float] | Mapping[tuple[str, str], float]
+"""Of a metric: one value, or one by label or by two labels."""
 
 log = structlog.get_logger("watch")
+
+
+def gauge(name: str, meaning: str, values: Values, *labels: str) -> Metric:
+    """A metric that goes up and down, with its present values."""
+    return _filled(GaugeMetricFamily, name, meaning, values, labels)
+
+
+def counter(name: str, meaning: str, values: Values, *labels: str) -> Metric:
+    """A metric that only grows, with its present values."""
+    return _filled(CounterMetricFamily, name, meaning, values, labels)
+
+
+def _filled(
+    kind: type[GaugeMetricFamily] | type[CounterMetricFamily],
+    name: str,
+    meaning: str,
+    values: Values,
+    labels: tuple[str, ...],
+) -> Metric:
+    family = kind(name, meaning, labels=labels)
+    for at, value in values.items() if isinstance(values, Mapping) else (((), values),):
+        family.add_metric([at] if isinstance(at, str) else at, float(value))
+    return family
 
 
 class Watched(Protocol):
@@ -92,32 +73,37 @@ class Watched(Protocol):
         """Its metrics, with their present values."""
 
 
-@contextmanager
-def watch_port(watched: Watched, port: int) -> Iterator[int]:
+@contextlib.contextmanager
+def watch_port(watched: Watched, port: int | None) -> Iterator[int | None]:
     """Answer at a port of the loopback address for as long as the block lasts.
 
     Args:
-        watched: of whom to tell.
-        port: 0 for a free one.
+        watched: what is reported on.
+        port: 0 for a free one; None: nobody watches.
 
     Yields:
         The port.
 
     Raises:
-        WatchPortError: it cannot be used.
+        Refusal: it cannot be used.
     """
+    if port is None:
+        yield None
+        return
     try:
         server = _Server(port, watched)
     except OSError as error:
-        raise WatchPortError(
+        raise Refusal(
             f"the watch port {port} on {HOST} cannot be used: {error.strerror}; choose another one with "
-            "--watch-port, or 0 for one that is free"
+            "--watch-port, or 0 for one that is free",
+            ExitStatus.FAILED,
         ) from error
     thread = threading.Thread(target=server.serve_forever, name="watch", daemon=True)
     thread.start()
-    log.info("can be watched", address=f"http://{HOST}:{server.port}{METRICS}")
+    used = int(server.server_address[1])
+    log.info("can be watched", address=f"http://{HOST}:{used}{METRICS}")
     try:
-        yield server.port
+        yield used
     finally:
         server.shutdown()
         server.server_close()
@@ -136,11 +122,6 @@ class _Server(ThreadingMixIn, TCPServer):
         self._lock = threading.Lock()
         self._places: list[Any] = []
 
-    @property
-    def port(self) -> int:
-        """At which it answers."""
-        return int(self.server_address[1])
-
     def service_actions(self) -> None:
         """Called after each client: the pause bounds how many come in a second."""
         time.sleep(1.0 / MOST_A_SECOND)
@@ -149,7 +130,8 @@ class _Server(ThreadingMixIn, TCPServer):
         """A client has come; whoever has been there for longest makes room."""
         with self._lock:
             while len(self._places) >= MOST_AT_A_TIME:
-                _cut_off(self._places.pop(0))
+                with contextlib.suppress(OSError):  # the client has gone by itself
+                    self._places.pop(0).shutdown(socket.SHUT_RDWR)  # wakes the thread that waits for it
             self._places.append(request)
         super().process_request(request, client_address)
 
@@ -161,7 +143,7 @@ class _Server(ThreadingMixIn, TCPServer):
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """What a client does to its connection is its own affair; what goes wrong here is told."""
+        """What a client does to its connection is its own affair; what goes wrong here is logged."""
         error = sys.exception()
         if not isinstance(error, OSError):
             log.error("could not answer", exc_info=error)
@@ -169,28 +151,28 @@ class _Server(ThreadingMixIn, TCPServer):
 
 class _Answers(BaseHTTPRequestHandler):
     server: _Server
-    timeout = PATIENCE_S_watching
+    timeout = PATIENCE_S
     server_version, sys_version = "unspoken", ""
 
     def do_GET(self) -> None:
         watched = self.server.watched
         if self.path == LIVE:
-            self._tell_whether(watched.why_not_live(), "live")
+            self._say_whether("live", watched.why_not_live)
         elif self.path == READY:
-            self._tell_whether(watched.why_not_ready(), "ready")
+            self._say_whether("ready", watched.why_not_ready)
         elif self.path == METRICS:
             encode, content_type = choose_encoder(self.headers.get("Accept", ""))
-            self._say(HTTPStatus.OK, content_type, encode(watched))
+            self._say(HTTPStatus.OK, encode(watched), content_type)
         else:
-            expected = f"{LIVE}, {READY} or {METRICS} is expected\n"
-            self._say(HTTPStatus.NOT_FOUND, "text/plain; charset=utf-8", expected.encode())
+            self._say(HTTPStatus.NOT_FOUND, f"{LIVE}, {READY} or {METRICS} is expected\n".encode())
 
-    def _tell_whether(self, why_not: str | None, what: str) -> None:
-        status = HTTPStatus.OK if why_not is None else HTTPStatus.SERVICE_UNAVAILABLE
-        line = what if why_not is None else f"not {what}: {why_not}"
-        self._say(status, "text/plain; charset=utf-8", f"{line}\n".encode())
+    def _say_whether(self, what: str, why_not: Callable[[], str | None]) -> None:
+        if why := why_not():
+            self._say(HTTPStatus.SERVICE_UNAVAILABLE, f"not {what}: {why}\n".encode())
+        else:
+            self._say(HTTPStatus.OK, f"{what}\n".encode())
 
-    def _say(self, status: HTTPStatus, content_type: str, body: bytes) -> None:
+    def _say(self, status: HTTPStatus, body: bytes, content_type: str = "text/plain; charset=utf-8") -> None:
         self.send_response(status)
         self.send_header("Content-Type", content_type)
         self.send_header("Content-Length", str(len(body)))
@@ -200,11 +182,3 @@ class _Answers(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: Any) -> None:
         """No line for a request."""
-
-
-def _cut_off(connection: socket.socket) -> None:
-    """Wake the thread that waits for this client."""
-    try:
-        connection.shutdown(socket.SHUT_RDWR)
-    except OSError:  # the client has gone by itself
-        return

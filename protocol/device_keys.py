@@ -16,6 +16,7 @@ from cryptography.hazmat.primitives.asymmetric.types import PrivateKeyTypes
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.oid import NameOID
 
+from chassis.refusal import Refusal
 from protocol.keys import BENCH_NAME, WORLD_NAME
 
 AUTHORITY_FILE: Final = "authority.pem"
@@ -29,10 +30,6 @@ SOON: Final = timedelta(days=14)
 RENEW: Final = (
     "renew them with 'unspoken keys issue' where the authority is kept, and copy the folder here again"
 )
-
-
-class KeysError(Exception):
-    """Keys or certificates that cannot be used; the text says which file, what is wrong and what helps."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +76,7 @@ def load_device_keys(folder: Path, now: datetime) -> DeviceKeys:
         now: the device's time, aware of its zone.
 
     Raises:
-        KeysError: the folder or a file is missing or cannot be read, Zenoh takes no such path, others may use
+        Refusal: the folder or a file is missing or cannot be read, Zenoh takes no such path, others may use
             the private key, a file is not what it should be, key, certificate and authority do not belong
             together, or one of the certificates is not valid now.
     """
@@ -102,10 +99,10 @@ def check_name(keys: DeviceKeys, expected: str) -> None:
         expected: a robot's id, ``WORLD_NAME`` or ``BENCH_NAME``.
 
     Raises:
-        KeysError: they are those of somebody else.
+        Refusal: they are those of somebody else.
     """
     if keys.name != expected:
-        raise KeysError(
+        raise Refusal(
             f"{keys.folder}: these are the keys of {holder_text(keys.name)}, those of "
             f"{holder_text(expected)} are expected; copy the right folder here"
         )
@@ -115,16 +112,16 @@ def read_certificate(path: Path) -> x509.Certificate:
     """The one certificate in a file.
 
     Raises:
-        KeysError: the file cannot be read, or holds no certificate or several.
+        Refusal: the file cannot be read, or holds no certificate or several.
     """
     try:
         found = x509.load_pem_x509_certificates(_read(path)[0])
         for each in found:
             each.public_key(), each.subject, each.extensions  # read only now; damage is told here
     except _DAMAGED:
-        raise KeysError(f"{path}: this is no certificate in PEM; {_COPY_AGAIN}") from None
+        raise Refusal(f"{path}: this is no certificate in PEM; {_COPY_AGAIN}") from None
     if len(found) != 1:
-        raise KeysError(f"{path}: one certificate is expected, found {len(found)}; {_COPY_AGAIN}")
+        raise Refusal(f"{path}: one certificate is expected, found {len(found)}; {_COPY_AGAIN}")
     return found[0]
 
 
@@ -132,47 +129,45 @@ def read_key(path: Path) -> PrivateKeyTypes:
     """The private key in a file that only its owner may use.
 
     Raises:
-        KeysError: the file cannot be read, can be used by others, or holds no private key without password.
+        Refusal: the file cannot be read, can be used by others, or holds no private key without password.
     """
     content, mode = _read(path)
     if mode & 0o077:
-        raise KeysError(
+        raise Refusal(
             f"{path}: others may use this private key, its mode is {mode:04o}, 0600 is expected; "
             f"run: chmod 600 {shlex.quote(str(path))}"
         )
     try:
         return load_pem_private_key(content, password=None)
     except (ValueError, TypeError, UnsupportedAlgorithm):  # TypeError: it is locked by a password
-        raise KeysError(f"{path}: this is no private key in PEM without password; {_COPY_AGAIN}") from None
+        raise Refusal(f"{path}: this is no private key in PEM without password; {_COPY_AGAIN}") from None
 
 
 def check_pair(key: PrivateKeyTypes, certificate: x509.Certificate, folder: Path) -> None:
     """Refuse a private key that is not that of the certificate beside it in the folder.
 
     Raises:
-        KeysError: it belongs to another certificate.
+        Refusal: it belongs to another certificate.
     """
     if key.public_key() != certificate.public_key():
-        raise KeysError(
-            f"{folder / KEY_FILE}: not the private key of the certificate beside it; {_COPY_AGAIN}"
-        )
+        raise Refusal(f"{folder / KEY_FILE}: not the private key of the certificate beside it; {_COPY_AGAIN}")
 
 
 def check_time(certificate: x509.Certificate, path: Path, now: datetime) -> None:
     """Refuse a certificate outside its time.
 
     Raises:
-        KeysError: it is not valid yet, or no longer.
+        Refusal: it is not valid yet, or no longer.
     """
     begin, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
     if now < begin:
-        raise KeysError(
+        raise Refusal(
             f"{path}: not valid before {date_text(begin)}, and the clock here says {date_text(now)}; "
             "set the clock"
         )
     if now > end:
         help_text = _NEW_AUTHORITY if path.name == AUTHORITY_FILE else RENEW
-        raise KeysError(
+        raise Refusal(
             f"{path}: expired on {date_text(end)}, and the clock here says {date_text(now)}; if the clock is "
             f"right, {help_text}"
         )
@@ -182,11 +177,11 @@ def name_in(certificate: x509.Certificate, path: Path) -> str:
     """The common name in a certificate.
 
     Raises:
-        KeysError: there is not exactly one.
+        Refusal: there is not exactly one.
     """
     names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
     if len(names) != 1:
-        raise KeysError(f"{path}: one common name is expected in it, found {len(names)}; {_COPY_AGAIN}")
+        raise Refusal(f"{path}: one common name is expected in it, found {len(names)}; {_COPY_AGAIN}")
     return str(names[0].value)
 
 
@@ -218,14 +213,14 @@ def _check_folder(folder: Path) -> None:
     try:
         folder.stat()
     except FileNotFoundError:
-        raise KeysError(
+        raise Refusal(
             f"{folder}: there is no such folder; the keys of this device are expected in it, as "
             "'unspoken keys create' makes them"
         ) from None
     except OSError as error:
-        raise KeysError(f"{folder}: cannot be read: {error.strerror}") from None
+        raise Refusal(f"{folder}: cannot be read: {error.strerror}") from None
     if found := [sign for sign in _SEPARATORS if sign in str(folder)]:
-        raise KeysError(
+        raise Refusal(
             f"{folder}: Zenoh opens no keys at a path with '{found[0]}'; choose another name for the folder"
         )
 
@@ -236,16 +231,16 @@ def _read(path: Path) -> tuple[bytes, int]:
         with path.open("rb") as file:
             return file.read(), os.fstat(file.fileno()).st_mode & 0o777
     except FileNotFoundError:
-        raise KeysError(f"{path}: this file is missing; {_COPY_AGAIN}") from None
+        raise Refusal(f"{path}: this file is missing; {_COPY_AGAIN}") from None
     except OSError as error:
-        raise KeysError(f"{path}: cannot be read: {error.strerror}") from None
+        raise Refusal(f"{path}: cannot be read: {error.strerror}") from None
 
 
 def _check_issuer(certificate: x509.Certificate, authority: x509.Certificate, folder: Path) -> None:
     try:
         certificate.verify_directly_issued_by(authority)
     except (ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm):
-        raise KeysError(
+        raise Refusal(
             f"{folder / CERTIFICATE_FILE}: not signed by the authority in {AUTHORITY_FILE} beside it; the "
             "keys of all devices must come from one 'unspoken keys create'; copy the folder here again"
         ) from None

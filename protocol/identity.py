@@ -9,14 +9,11 @@ from ipaddress import ip_address
 from pathlib import Path
 
 from chassis.files import write_private
-from protocol.device_keys import DeviceKeys, KeysError, check_name, load_device_keys
+from chassis.refusal import Refusal
+from protocol.device_keys import DeviceKeys, check_name, load_device_keys
 
 ON_THIS_MACHINE = ("unixsock-stream/", "unixpipe/")
 ENCRYPTED = "tls/"
-
-
-class UnfitEndpointError(Exception):
-    """An endpoint that does not go with the keys that are given; the text says why and what to do."""
 
 
 def is_local(endpoint: str) -> bool:
@@ -40,30 +37,26 @@ def check_keys_fit(endpoint: str, keys: Path | None) -> None:
         keys: the folder of this device's keys, if it is given.
 
     Raises:
-        UnfitEndpointError: the two do not go together, or the endpoint is one at which Zenoh cannot encrypt.
+        Refusal: the two do not go together, or the endpoint is one at which Zenoh cannot encrypt.
     """
     encrypted = endpoint.startswith(ENCRYPTED)
     if keys is not None and not encrypted:
-        raise UnfitEndpointError(
+        raise Refusal(
             f"{endpoint} is not encrypted, so keys prove nothing there; an endpoint such as "
             "tls/world.local:7447 is expected with --keys"
         )
     if encrypted and keys is None:
-        raise UnfitEndpointError(
+        raise Refusal(
             f"{endpoint} is encrypted; the folder with the keys of this device is expected in --keys, as "
             "'unspoken keys create' makes it"
         )
     if endpoint.startswith(f"{ENCRYPTED}["):
-        raise UnfitEndpointError(
+        raise Refusal(
             f"{endpoint}: Zenoh encrypts nothing at an IPv6 address; a host name or an IPv4 one is expected"
         )
 
 
 PASSWORD_BYTES = 24
-
-
-class PasswordError(Exception):
-    """A file of passwords that cannot be used; the text says why and what to do."""
 
 
 @dataclass(frozen=True)
@@ -101,13 +94,13 @@ def read_users(path: Path) -> tuple[str, ...]:
     """The names in a file of a world's users.
 
     Raises:
-        PasswordError: it cannot be read, can be read by others, or a line of it is not ``name:password``.
+        Refusal: it cannot be read, can be read by others, or a line of it is not ``name:password``.
     """
     names = []
     for number, line in enumerate(_read_private(path).splitlines(), start=1):
         name, _, password = line.partition(":")
         if not name or not password:
-            raise PasswordError(f"{path}, line {number}: name:password is expected on every line")
+            raise Refusal(f"{path}, line {number}: name:password is expected on every line")
         names.append(name)
     return tuple(names)
 
@@ -116,11 +109,11 @@ def read_password(path: Path) -> str:
     """The password in a file.
 
     Raises:
-        PasswordError: it cannot be read, can be read by others, or does not hold one line.
+        Refusal: it cannot be read, can be read by others, or does not hold one line.
     """
     lines = _read_private(path).splitlines()
     if len(lines) != 1 or not lines[0]:
-        raise PasswordError(f"{path}: {len(lines)} lines found, one line with the password is expected")
+        raise Refusal(f"{path}: {len(lines)} lines found, one line with the password is expected")
     return lines[0]
 
 
@@ -129,11 +122,11 @@ def _read_private(path: Path) -> str:
         mode = stat.S_IMODE(path.stat().st_mode)
         text = path.read_text(encoding="utf-8")
     except OSError as error:
-        raise PasswordError(f"{path}: cannot be read: {error.strerror}") from error
+        raise Refusal(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError:
-        raise PasswordError(f"{path}: not a text file; passwords are expected in it") from None
+        raise Refusal(f"{path}: not a text file; passwords are expected in it") from None
     if mode & 0o077:
-        raise PasswordError(
+        raise Refusal(
             f"{path}: others can read these passwords (mode {mode:04o}); do `chmod 600 {path}`, and make "
             "new passwords if others could have read them"
         )
@@ -142,10 +135,6 @@ def _read_private(path: Path) -> str:
 
 Identity = Login | DeviceKeys | None
 """None: a world that asks for nothing."""
-
-
-class IdentityError(Exception):
-    """What was given cannot prove who this is; the text says why and what to do."""
 
 
 def client_identity(
@@ -161,16 +150,13 @@ def client_identity(
         now: the time, aware of its zone.
 
     Raises:
-        IdentityError: they do not fit the endpoint or this name, cannot be used, or both are given.
+        Refusal: they do not fit the endpoint or this name, cannot be used, or both are given.
     """
     if password_file is not None and keys is not None:
-        raise IdentityError("a password and keys are given; one of them is expected")
-    try:
-        check_keys_fit(endpoint, keys)
-        if keys is not None:
-            identity = load_device_keys(keys, now)
-            check_name(identity, name)
-            return identity
-        return None if password_file is None else Login(name, read_password(password_file))
-    except (UnfitEndpointError, KeysError, PasswordError) as error:
-        raise IdentityError(str(error)) from error
+        raise Refusal("a password and keys are given; one of them is expected")
+    check_keys_fit(endpoint, keys)
+    if keys is not None:
+        identity = load_device_keys(keys, now)
+        check_name(identity, name)
+        return identity
+    return None if password_file is None else Login(name, read_password(password_file))

@@ -8,7 +8,8 @@ from typing import Annotated, Any, Self
 import yaml
 from pydantic import BeforeValidator, Field, model_validator
 
-from chassis.yaml_file import YamlFileError, location_of, mistake_at, read_text, told_at, tree_of, validated
+from chassis.refusal import Refusal
+from chassis.yaml_file import location_of, mistake_at, read_text, told_at, tree_of, validated
 from protocol.faults import MAX_FAULTS, FaultFile, Faults, Interval, as_tuple, unknown_robot
 from protocol.keys import Id
 from protocol.scene import MAX_ROBOTS, Goal, Metres, NonNegative, PublicRobot, Rules, Scene, Settings
@@ -145,15 +146,11 @@ class Scenario(Rules):
         return self
 
 
-ScenarioError = YamlFileError
-"""A scenario, or what goes with it, that cannot be used."""
-
-
 def load_scenario(path: Path) -> Scenario:
     """Read a scenario file.
 
     Raises:
-        ScenarioError: the file cannot be read, is no single YAML map, or is not a valid scenario. One line
+        Refusal: the file cannot be read, is no single YAML map, or is not a valid scenario. One line
             a problem, with file, line and field.
     """
     return parse_scenario(read_text(path), path)
@@ -167,7 +164,7 @@ def parse_scenario(text: str, path: Path) -> Scenario:
         path: of the file that holds it, for people.
 
     Raises:
-        ScenarioError: as of ``load_scenario``.
+        Refusal: as of ``load_scenario``.
     """
     return validated(Scenario, tree_of(text, path, Scenario, "scenario"), path)
 
@@ -176,17 +173,17 @@ def with_faults(scenario: Scenario, path: Path) -> Scenario:
     """A scenario with the faults of a file after its own.
 
     Raises:
-        ScenarioError: as of ``load_scenario``; or the file names robots that the scenario lacks, or there are
+        Refusal: as of ``load_scenario``; or the file names robots that the scenario lacks, or there are
             too many faults together.
     """
     tree = tree_of(read_text(path), path, FaultFile, "file of faults")
     faults = validated(FaultFile, tree, path).faults
     if found := unknown_robot(faults, [robot.id for robot in scenario.robots]):
         where, what = found
-        raise ScenarioError(told_at(path, tree, location_of(where), what))
+        raise Refusal(told_at(path, tree, location_of(where), what))
     merged = (*scenario.faults, *faults)
     if len(merged) > MAX_FAULTS:
-        raise ScenarioError(
+        raise Refusal(
             f"{path}: {len(merged)} faults, those of the scenario included, are too many; at most "
             f"{MAX_FAULTS} can befall a run: leave some out"
         )

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
 
-from protocol.scenario import ScenarioError
+from chassis.refusal import Refusal
 
 HERE = Path(__file__).parent
 
@@ -24,7 +24,7 @@ def find(name_or_path: str) -> Path:
     """The file of a scenario given by the name of a bundled one or by a path.
 
     Raises:
-        ScenarioError: it is neither; the text lists the bundled names and the nearest one.
+        Refusal: it is neither; the text lists the bundled names and the nearest one.
     """
     return _find(name_or_path, bundled_scenarios(), "file and no bundled scenario")
 
@@ -33,7 +33,7 @@ def find_suite(name_or_path: str) -> Path:
     """The directory of a suite, or the file of a single scenario, given by a bundled name or by a path.
 
     Raises:
-        ScenarioError: as for ``find``.
+        Refusal: as for ``find``.
     """
     bundled = bundled_suites() | bundled_scenarios()
     return _find(name_or_path, bundled, "file or directory and no bundled suite or scenario")
@@ -46,7 +46,7 @@ def _find(name_or_path: str, bundled: Mapping[str, Path], kind: str) -> Path:
         return Path(name_or_path)
     near = get_close_matches(Path(name_or_path).stem, bundled, n=1, cutoff=0.5)
     meant = f"; did you mean '{near[0]}'?" if near else ""
-    raise ScenarioError(
+    raise Refusal(
         f"{name_or_path}: there is no such {kind} of this name; "
         f"the bundled ones are {', '.join(bundled)}{meant}"
     )

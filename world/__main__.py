@@ -4,10 +4,10 @@ from typing import Annotated
 
 import typer
 
-from chassis.logs import log_to_journal
-from chassis.signals import end_with_parent
-from chassis.watching import WatchPortError
-from protocol.scenario import ScenarioError, load_scenario
+from chassis.process import end_with_parent, log_to_journal
+from chassis.refusal import run as run_command
+from chassis.refusal import said_by
+from protocol.scenario import load_scenario
 from scenarios import find
 from world.access import Access, AccessError
 from world.options import (
@@ -79,11 +79,7 @@ def main(
     """
     end_with_parent()
     log_to_journal()
-    try:
-        loaded = load_scenario(find(scenario))
-    except ScenarioError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(ExitStatus.WRONG_USAGE) from None
+    loaded = load_scenario(find(scenario))
     access = Access(listen, users, keys, insecure)
     options = WorldOptions(
         loaded,
@@ -98,15 +94,16 @@ def main(
         watch_port,
     )
     try:
-        status = run_world(options)
+        with said_by("world"):
+            status = run_world(options)
     except AccessError as error:
         typer.echo(f"world: {error}", err=True)
         raise typer.Exit(ExitStatus.WRONG_USAGE) from None
-    except (EndpointError, RobotsMissingError, WatchPortError) as error:
+    except (EndpointError, RobotsMissingError) as error:
         typer.echo(f"world: {error}", err=True)
         raise typer.Exit(ExitStatus.FAILED) from None
     raise typer.Exit(status)
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run_command(main)

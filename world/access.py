@@ -7,9 +7,10 @@ from pathlib import Path
 
 from structlog.typing import FilteringBoundLogger
 
+from chassis.refusal import Refusal
 from protocol.codec import MessageError, OtherVersionError, decode
-from protocol.device_keys import DeviceKeys, KeysError, check_name, load_device_keys
-from protocol.identity import PasswordError, UnfitEndpointError, check_keys_fit, is_local, read_users
+from protocol.device_keys import DeviceKeys, check_name, load_device_keys
+from protocol.identity import check_keys_fit, is_local, read_users
 from protocol.keys import WORLD_NAME, Keys
 from protocol.messages import Joining
 from protocol.policy import Proof, access_control, rights_of
@@ -116,7 +117,7 @@ class Access:
                 self._allow_network(log)
             if self.users is not None:
                 self._check_users(read_users(self.users), robots)
-        except (UnfitEndpointError, KeysError, PasswordError) as error:
+        except Refusal as error:
             raise AccessError(str(error)) from error
         return self.users
 

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from chassis.watching import HELP as WATCH_PORT_HELP
-from chassis.watching import VARIABLE as WATCH_PORT
+from chassis.healthy import HELP as WATCH_PORT_HELP
+from chassis.healthy import VARIABLE as WATCH_PORT
 from protocol.keys import NAME_RULE, checked_name
 
 LONGEST_WAIT_S = 86_400.0

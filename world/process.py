@@ -8,7 +8,8 @@ from enum import IntEnum, StrEnum
 import structlog
 import zenoh
 
-from chassis.signals import on_wish_to_end
+from chassis.process import on_wish_to_end
+from chassis.watching import watch_port
 from protocol.keys import BENCH_NAME, Keys
 from protocol.messages import PublicScene
 from protocol.scenario import Scenario
@@ -16,7 +17,7 @@ from protocol.session import SessionSettings, reason_of, receive_on_threads
 from world.access import Access, most_sessions
 from world.bus import Bus
 from world.clock import Clock, LockStep, RealTime
-from world.health import WorldHealth, watched
+from world.health import WorldHealth
 from world.inbox import Inbox
 from world.run import Run
 from world.world import World
@@ -71,7 +72,7 @@ def run_world(options: WorldOptions) -> ExitStatus:
         AccessError: who may connect is not said as it must be.
         EndpointError: the endpoint cannot be opened.
         RobotsMissingError: robots were missing at the start.
-        WatchPortError: the watch port cannot be used.
+        Refusal: the watch port cannot be used.
     """
     log = structlog.get_logger("world")
     scenario = options.scenario
@@ -85,7 +86,7 @@ def run_world(options: WorldOptions) -> ExitStatus:
     settings = options.access.session(keys, world.robots, log)
     receive_on_threads(most_sessions(world.robots))
     with (
-        watched(health, options.watch_port),
+        watch_port(health, options.watch_port),
         open_session(options.access.listen, settings) as session,
         closing(inbox),
     ):

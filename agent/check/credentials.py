@@ -3,8 +3,9 @@
 from datetime import datetime
 
 from agent.check.findings import Device, Finding
+from chassis.refusal import Refusal
 from protocol.device_keys import RENEW, DeviceKeys, date_text
-from protocol.identity import Identity, IdentityError, client_identity, is_local
+from protocol.identity import Identity, client_identity, is_local
 
 ITEM = "credentials"
 
@@ -18,7 +19,7 @@ def check_credentials(device: Device, now: datetime) -> tuple[Finding, Identity]
     """
     try:
         identity = client_identity(device.robot, device.connect, device.password_file, device.keys, now)
-    except IdentityError as error:
+    except Refusal as error:
         return Finding(ITEM, "failed", str(error)), None
     return _finding(device, identity, now), identity
 

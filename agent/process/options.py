@@ -8,7 +8,8 @@ from pydantic import Field
 
 from agent.estimate import GoalsName
 from agent.solve import SolverName
-from chassis.yaml_file import YamlFileError, read_as
+from chassis.refusal import Refusal
+from chassis.yaml_file import read_as
 from protocol.keys import Id, Name
 from protocol.scene import MAX_ROBOTS, Goal, Settings
 
@@ -37,7 +38,7 @@ def options_in(path: Path) -> dict[str, Any]:
     """The options that a file sets, by name, as the command line takes them.
 
     Raises:
-        YamlFileError: the file cannot be read or is not valid, with a line for each mistake; or it holds the
+        Refusal: the file cannot be read or is not valid, with a line for each mistake; or it holds the
             robot's goal, and everybody can read it.
     """
     file = read_as(path, Configuration, "file of a robot's options")
@@ -54,7 +55,7 @@ def options_in(path: Path) -> dict[str, Any]:
 def _refuse_readers(path: Path) -> None:
     mode = stat.S_IMODE(path.stat().st_mode)
     if mode & stat.S_IROTH:
-        raise YamlFileError(
+        raise Refusal(
             f"{path}: everybody on this device can read the robot's goal (mode {mode:04o}), which it tells "
             f"nobody; run: chmod o= {path}"
         )

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, TypeVar
 
+from chassis.refusal import Refusal
 from fleet.audit.difference import Difference, Part, compared
 from fleet.record.recording import Recording, RecordingError, read_recording
 from fleet.record.stream import KINDS
 from fleet.run.experiment import RunFacts
 from protocol.keys import Keys
 from protocol.messages import Command, Message, Mind, Observation, PublicScene, Truth
-from protocol.scenario import Scenario, ScenarioError, parse_scenario
+from protocol.scenario import Scenario, parse_scenario
 
 RECORDING_NAME = "run.mcap"
 
@@ -120,7 +121,7 @@ def open_run(path: Path) -> RecordedRun:
         )
     try:
         scenario = parse_scenario(recording.scenario_text, recording.path)
-    except ScenarioError as error:
+    except Refusal as error:
         raise RecordingError(f"the scenario attached to the recording cannot be used: {error}") from None
     run = RecordedRun(recording, scenario)
     if len({scene.epoch for scene in run.scenes()}) > 1:

@@ -8,7 +8,7 @@ import structlog
 import zenoh
 
 from agent.process.inbox import Inbox
-from chassis.signals import end_with_parent, on_wish_to_end
+from chassis.process import end_with_parent, on_wish_to_end
 from protocol.codec import encode
 from protocol.identity import client_identity
 from protocol.keys import Keys

@@ -14,8 +14,6 @@ from fleet.evaluate.evaluation import Evaluation
 from fleet.evaluate.noise import GRAMMAR, LevelError, levels_in
 from fleet.record.machine import this_machine
 from fleet.scenarios.suite import Suite, load_suite
-from protocol.scenario import ScenarioError
-from world.process import ExitStatus
 
 METHODS = get_args(GoalsName)
 PUBLISHED: tuple[GoalsName, ...] = ("exchanged", "ioc", "constant-acceleration")
@@ -122,8 +120,4 @@ def _levels(text: str) -> tuple[str, ...]:
 
 
 def _loaded(suite: str) -> Suite:
-    try:
-        return load_suite(suite)
-    except ScenarioError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(ExitStatus.WRONG_USAGE) from None
+    return load_suite(suite)

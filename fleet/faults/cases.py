@@ -58,6 +58,6 @@ def load_cases(path: Path) -> tuple[Case, ...]:
     """Read a suite of faults.
 
     Raises:
-        ScenarioError: the file cannot be read or is no such suite; told with file, line and field.
+        Refusal: the file cannot be read or is no such suite; told with file, line and field.
     """
     return read_as(path, Suite, "suite of faults").cases

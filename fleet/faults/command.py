@@ -13,8 +13,6 @@ from fleet.faults.trial import Trial
 from fleet.record.report_file import JsonOption
 from fleet.scenarios.command import checked_numbers, numbers_in
 from protocol.faults import unknown_robot
-from protocol.scenario import ScenarioError
-from world.process import ExitStatus
 
 
 def faults(
@@ -56,11 +54,7 @@ def faults(
     be made.
     """
     path = suite or BUNDLED
-    try:
-        cases = _chosen(load_cases(path), only, path)
-    except ScenarioError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(ExitStatus.WRONG_USAGE) from None
+    cases = _chosen(load_cases(path), only, path)
     if not processes:
         cases = [case for case in cases if not case.needs_processes]
     if not cases:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import structlog
 import zenoh
 
-from chassis.signals import end_with_parent, on_wish_to_end
+from chassis.process import end_with_parent, on_wish_to_end
 from fleet.inject.link import Link
 from fleet.inject.told import faults_told
 from protocol.codec import MessageError, decode, encode

@@ -7,8 +7,6 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import typer
-
 import agent.__main__
 from agent.agent import Agent, Decision
 from agent.methods import method_of
@@ -16,6 +14,7 @@ from agent.process.robot import Decides, RobotOptions
 from agent.solve import joint_solver
 from agent.solve.deadline import Deadline
 from agent.solve.problem import JointSolver
+from chassis.refusal import run
 from fleet.inject.robot_mind import RobotMind
 from fleet.inject.schedule import Scheduled
 from fleet.inject.told import faults_told
@@ -78,4 +77,4 @@ def step_clock(offset_s: float) -> None:
 
 
 if __name__ == "__main__":
-    typer.run(agent.__main__.command_line_of(make_faulty))
+    run(agent.__main__.command_line_of(make_faulty))

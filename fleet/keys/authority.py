@@ -17,7 +17,8 @@ from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from protocol.device_keys import KeysError, date_text
+from chassis.refusal import Refusal
+from protocol.device_keys import date_text
 from protocol.keys import BENCH_NAME, WORLD_NAME, checked_name
 
 _HOST_NAME: Final = re.compile(r"(?=.{1,253}\Z)(?![\d.]+\Z)\w[\w-]{0,62}(\.\w[\w-]{0,62})*", re.ASCII)
@@ -161,11 +162,11 @@ class Authority(Credentials):
             days: for which it is valid from now on.
 
         Raises:
-            KeysError: the authority does not last so long.
+            Refusal: the authority does not last so long.
         """
         end, latest = now + timedelta(days=days), self.certificate.not_valid_after_utc
         if end > latest:
-            raise KeysError(
+            raise Refusal(
                 f"certificates for {days} days would end on {date_text(end)}, after their authority, which "
                 f"expires on {date_text(latest)}; {_shorter((latest - now).days)}"
             )

@@ -12,21 +12,21 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from chassis.refusal import ExitStatus, Group, Refusal
 from fleet.keys.authority import LOCAL_HOSTS, Device, Host
 from fleet.keys.folders import AUTHORITY_FOLDER, devices_in, hosts_of_world
 from fleet.keys.folders import create as create_keys
 from fleet.keys.folders import issue as issue_keys
 from fleet.keys.survey import Finding, survey
-from protocol.device_keys import KeysError, date_text
+from protocol.device_keys import date_text
 from protocol.keys import BENCH_NAME, WORLD_NAME, checked_name
-from protocol.scenario import ScenarioError, load_scenario
+from protocol.scenario import load_scenario
 from scenarios import find
-from world.process import ExitStatus
 
-SOMETHING_WRONG = 1
 MAX_DAYS = 36500
 
 app = typer.Typer(
+    cls=Group,
     no_args_is_help=True,
     help="Make, renew and look through the keys with which devices prove who they are, for runs across "
     "machines.\n\nExit status: 0 done, 1 show found something wrong, 2 wrong usage or input, 3 the directory "
@@ -129,7 +129,7 @@ def issue(
     with _told(directory):
         names = named or devices_in(directory)
         if host and WORLD_NAME not in names:
-            raise KeysError("--host is for the keys of the world, which are not among the named: add --world")
+            raise Refusal("--host is for the keys of the world, which are not among the named: add --world")
         issue_keys(directory, [_device(directory, name, host) for name in names], now, days)
         issued = {directory / Device(name).folder for name in names}
         _print(directory, (found for found in survey(directory, now) if found.folder in issued))
@@ -149,7 +149,7 @@ def show(directory: MadeArgument) -> None:
         if finding.wrong or finding.warning:
             typer.echo(finding.wrong or finding.warning)
     if any(finding.wrong for finding in found):
-        raise typer.Exit(SOMETHING_WRONG)
+        raise typer.Exit(ExitStatus.UNMET)
 
 
 def _device(directory: Path, name: str, hosts: Sequence[Host] | None) -> Device:
@@ -159,11 +159,7 @@ def _device(directory: Path, name: str, hosts: Sequence[Host] | None) -> Device:
 
 
 def _ids(scenario: str) -> list[str]:
-    try:
-        return [robot.id for robot in load_scenario(find(scenario)).robots]
-    except ScenarioError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(ExitStatus.WRONG_USAGE) from None
+    return [robot.id for robot in load_scenario(find(scenario)).robots]
 
 
 def _now() -> datetime:
@@ -172,16 +168,12 @@ def _now() -> datetime:
 
 @contextmanager
 def _told(directory: Path) -> Iterator[None]:
-    """Errors in plain words, with their exit status."""
+    """Errors of the disk in plain words."""
     try:
         yield
-    except KeysError as error:
-        typer.echo(f"unspoken: {error}", err=True)
-        raise typer.Exit(ExitStatus.WRONG_USAGE) from None
     except OSError as error:
         where = error.filename or directory  # a full disk does not tell the file
-        typer.echo(f"unspoken: {where}: cannot be used: {error.strerror}", err=True)
-        raise typer.Exit(ExitStatus.FAILED) from None
+        raise Refusal(f"{where}: cannot be used: {error.strerror}", ExitStatus.FAILED) from None
 
 
 def _print(directory: Path, findings: Iterable[Finding]) -> None:

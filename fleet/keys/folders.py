@@ -13,6 +13,7 @@ from typing import Final
 
 from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
 
+from chassis.refusal import Refusal
 from fleet.interruption import Interruption
 from fleet.keys.authority import (
     LOCAL_HOSTS,
@@ -28,7 +29,6 @@ from protocol.device_keys import (
     AUTHORITY_FILE,
     CERTIFICATE_FILE,
     KEY_FILE,
-    KeysError,
     check_pair,
     check_time,
     read_certificate,
@@ -54,14 +54,14 @@ def create(
         authority_days: for which the authority is.
 
     Raises:
-        KeysError: the directory holds something, or the authority does not last as long as the certificates.
+        Refusal: the directory holds something, or the authority does not last as long as the certificates.
         OSError: the directory cannot be written.
     """
     directory = directory.resolve()
     if directory == Path.cwd():
-        raise KeysError(f"{directory} is where you are; name a new directory in it")
+        raise Refusal(f"{directory} is where you are; name a new directory in it")
     if directory.exists() and any(directory.iterdir()):
-        raise KeysError(
+        raise Refusal(
             f"{directory} is not empty; choose another directory, or if it holds keys already, renew them "
             "and add some with 'unspoken keys issue'"
         )
@@ -89,15 +89,13 @@ def issue(directory: Path, devices: Sequence[Device], now: datetime, days: int) 
         days: for which the certificates are valid.
 
     Raises:
-        KeysError: there are no devices, the authority cannot be used or does not last so long, or a device's
+        Refusal: there are no devices, the authority cannot be used or does not last so long, or a device's
             folder holds something else too, which would be lost.
         OSError: the directory cannot be written.
     """
     authority = read_authority(directory / AUTHORITY_FOLDER, now)
     if not devices:
-        raise KeysError(
-            f"{directory}: no device has keys here yet; name who shall get some, as with --robot 1"
-        )
+        raise Refusal(f"{directory}: no device has keys here yet; name who shall get some, as with --robot 1")
     for device in devices:
         _refuse_foreign_files(directory / device.folder)
     with TemporaryDirectory(prefix=".issued-", dir=directory) as beside:
@@ -115,15 +113,15 @@ def read_authority(folder: Path, now: datetime) -> Authority:
     """The authority in a folder, to sign with it.
 
     Raises:
-        KeysError: it is missing, incomplete, open to others, not made by ``unspoken keys``, or expired.
+        Refusal: it is missing, incomplete, open to others, not made by ``unspoken keys``, or expired.
     """
     if not folder.is_dir():
-        raise KeysError(f"{folder}: there is no authority here; 'unspoken keys create' makes one")
+        raise Refusal(f"{folder}: there is no authority here; 'unspoken keys create' makes one")
     certificate, key = read_certificate(folder / AUTHORITY_FILE), read_key(folder / KEY_FILE)
     check_pair(key, certificate, folder)
     check_time(certificate, folder / AUTHORITY_FILE, now)
     if not isinstance(key, EllipticCurvePrivateKey):
-        raise KeysError(
+        raise Refusal(
             f"{folder / KEY_FILE}: the key of an elliptic curve is expected, as 'unspoken keys' makes it"
         )
     return Authority(certificate, key)
@@ -139,15 +137,15 @@ def hosts_of_world(directory: Path) -> tuple[Host, ...]:
     """The hosts in the world's certificate, to be kept in the next one; those of one machine without it.
 
     Raises:
-        KeysError: its certificate cannot be read, or holds other hosts than ``unspoken keys`` puts there.
+        Refusal: its certificate cannot be read, or holds other hosts than ``unspoken keys`` puts there.
     """
     path = directory / folder_of(WORLD_NAME) / CERTIFICATE_FILE
     if not path.parent.is_dir():
         return LOCAL_HOSTS
     try:
         return tuple(map(Host.parse, hosts_in(read_certificate(path))))
-    except (KeysError, ValueError) as error:
-        raise KeysError(f"{error}; name the world's hosts with --host") from None
+    except (Refusal, ValueError) as error:
+        raise Refusal(f"{error}; name the world's hosts with --host") from None
 
 
 def write_authority(folder: Path, authority: Authority) -> None:
@@ -195,13 +193,13 @@ def _replace(folder: Path, new: Path, old: Path) -> None:
 
 def _refuse_foreign_files(folder: Path) -> None:
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise KeysError(f"{folder}: a folder is expected, or nothing; move it away")
+        raise Refusal(f"{folder}: a folder is expected, or nothing; move it away")
     known = {AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE}
     foreign = (
         sorted(path.name for path in folder.iterdir() if path.name not in known) if folder.is_dir() else []
     )
     if foreign:
-        raise KeysError(
+        raise Refusal(
             f"{folder}: the whole folder is replaced, and {foreign[0]} in it would be lost; move it away"
         )
 

@@ -4,13 +4,13 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
+from chassis.refusal import Refusal
 from fleet.keys.authority import folder_of, hosts_in
 from fleet.keys.folders import AUTHORITY_FOLDER, devices_in, read_authority
 from protocol.device_keys import (
     AUTHORITY_FILE,
     CERTIFICATE_FILE,
     KEY_FILE,
-    KeysError,
     check_name,
     holder_text,
     load_device_keys,
@@ -42,7 +42,7 @@ def survey(directory: Path, now: datetime) -> list[Finding]:
         now: the time, aware of its zone.
 
     Raises:
-        KeysError: there are no keys.
+        Refusal: there are no keys.
     """
     if any((directory / file).exists() for file in (AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE)):
         if not (directory / CERTIFICATE_FILE).exists() and directory.name == AUTHORITY_FOLDER:
@@ -51,7 +51,7 @@ def survey(directory: Path, now: datetime) -> list[Finding]:
     found = [_authority(directory / AUTHORITY_FOLDER, now)] if (directory / AUTHORITY_FOLDER).exists() else []
     found += [_device_of(directory, name, now) for name in devices_in(directory)]
     if not found:
-        raise KeysError(
+        raise Refusal(
             f"{directory}: there are no keys here; a directory is expected as 'unspoken keys create' makes "
             "it, or the folder of one device"
         )
@@ -62,7 +62,7 @@ def _authority(folder: Path, now: datetime) -> Finding:
     expires = _expires(folder / AUTHORITY_FILE)
     try:
         read_authority(folder, now)
-    except KeysError as error:
+    except Refusal as error:
         return Finding("the authority", folder, expires, wrong=str(error))
     return Finding("the authority", folder, expires)
 
@@ -71,7 +71,7 @@ def _device(folder: Path, now: datetime) -> Finding:
     path = folder / CERTIFICATE_FILE
     try:
         keys = load_device_keys(folder, now)
-    except KeysError as error:
+    except Refusal as error:
         return Finding(_holder(path), folder, _expires(path), wrong=str(error))
     return Finding(_holder(path), folder, keys.expires, warning=keys.warning(now))
 
@@ -85,7 +85,7 @@ def _device_of(directory: Path, name: str, now: datetime) -> Finding:
         check_name(load_device_keys(found.folder, now), name)
         if (directory / AUTHORITY_FOLDER).is_dir():
             _check_authority(found.folder, directory / AUTHORITY_FOLDER)
-    except KeysError as error:
+    except Refusal as error:
         return replace(found, holder=holder_text(name), wrong=str(error))
     return found
 
@@ -93,7 +93,7 @@ def _device_of(directory: Path, name: str, now: datetime) -> Finding:
 def _check_authority(folder: Path, authority: Path) -> None:
     trusted, ours = (read_certificate(path / AUTHORITY_FILE) for path in (folder, authority))
     if trusted != ours:
-        raise KeysError(
+        raise Refusal(
             f"{folder / AUTHORITY_FILE}: not the authority in {authority}, so this device is refused by the "
             "others; renew its keys with 'unspoken keys issue'"
         )
@@ -103,7 +103,7 @@ def _holder(path: Path) -> str:
     try:
         certificate = read_certificate(path)
         holder = holder_text(name_in(certificate, path))
-    except KeysError:
+    except Refusal:
         return "unknown"
     return f"{holder} at {', '.join(hosts)}" if (hosts := hosts_in(certificate)) else holder
 
@@ -111,5 +111,5 @@ def _holder(path: Path) -> str:
 def _expires(path: Path) -> datetime | None:
     try:
         return read_certificate(path).not_valid_after_utc
-    except KeysError:
+    except Refusal:
         return None

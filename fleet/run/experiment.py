@@ -102,7 +102,7 @@ def prepare(
         faults: a file of faults, which come after those of the scenario.
 
     Raises:
-        ScenarioError: there is no such scenario, or it is wrong, or the file of faults is.
+        Refusal: there is no such scenario, or it is wrong, or the file of faults is.
     """
     path = find(name_or_path).resolve()
     scenario = load_scenario(path)

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple, Self
 
+from chassis.process import PARENT
 from chassis.refusal import ExitStatus, Refusal
-from chassis.signals import PARENT
 
 PATIENCE_S = 5.0
 """How long processes may take to end after they were asked to."""
@@ -34,7 +34,7 @@ class _Part(NamedTuple):
 class Processes:
     """Starts processes as ``python -m <module>`` with one log file each; none outlives the block.
 
-    Nor does one outlive this process, where it asks for that by :func:`chassis.signals.end_with_parent`;
+    Nor does one outlive this process, where it asks for that by :func:`chassis.process.end_with_parent`;
     all are therefore to be started on the thread that stays to the end.
 
     Args:

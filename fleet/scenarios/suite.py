@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from chassis.refusal import Refusal
 from fleet.record.output import OutputError
 from fleet.scenarios.families import FAMILIES, FamilyName
-from protocol.scenario import Scenario, ScenarioError, load_scenario, scenario_text
+from protocol.scenario import Scenario, load_scenario, scenario_text
 from scenarios import find_suite
 
 
@@ -30,7 +31,7 @@ def load_suite(name_or_path: str) -> Suite:
         name_or_path: a bundled suite or scenario, a directory or a file.
 
     Raises:
-        ScenarioError: there is no such suite, it is empty, or files in it are wrong: the text tells what
+        Refusal: there is no such suite, it is empty, or files in it are wrong: the text tells what
             ``load_scenario`` tells, for each of them.
     """
     path = find_suite(name_or_path)
@@ -38,15 +39,15 @@ def load_suite(name_or_path: str) -> Suite:
         return Suite(path.stem, ((path.stem, load_scenario(path)),))
     files = sorted(path.glob("*.yaml"), key=lambda file: file.stem)
     if not files:
-        raise ScenarioError(f"{path}: a suite needs at least one scenario file, and no *.yaml is there")
+        raise Refusal(f"{path}: a suite needs at least one scenario file, and no *.yaml is there")
     scenarios, problems = [], []
     for file in files:
         try:
             scenarios.append((file.stem, load_scenario(file)))
-        except ScenarioError as error:
+        except Refusal as error:
             problems.append(str(error))
     if problems:
-        raise ScenarioError("\n".join(problems))
+        raise Refusal("\n".join(problems))
     return Suite(path.resolve().name, tuple(scenarios))
 
 

@@ -17,7 +17,7 @@ from fleet.record.address import Address, NoRunError, address_of, is_going_on, o
 from fleet.status.listener import UnreachableError, is_listened_at, listening
 from fleet.status.standing import Status
 from fleet.status.table import Follower, follow_live, shown
-from protocol.identity import Identity, IdentityError, client_identity
+from protocol.identity import Identity, client_identity
 from protocol.keys import BENCH_NAME
 
 NO_RUN, WRONG_USAGE, UNADDRESSABLE = 1, 2, 3
@@ -71,8 +71,6 @@ def status(
         ended = _show(address, identity, goes_on, once=once, as_json=as_json)
     except NoRunError as error:
         _fail(error, NO_RUN)
-    except IdentityError as error:
-        _fail(error, WRONG_USAGE)
     except UnreachableError as error:
         _fail(error, UNADDRESSABLE)
     except KeyboardInterrupt:

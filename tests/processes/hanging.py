@@ -7,13 +7,12 @@ import sys
 import threading
 from typing import Any
 
-import typer
-
 import agent.__main__
 import chassis.health
 import world.__main__
 from agent.agent import Decision
 from agent.process.robot import Decides, RobotOptions, make_agent
+from chassis.refusal import run
 from protocol.messages import Observation
 from protocol.scene import Scene
 from world.world import World
@@ -51,4 +50,4 @@ if __name__ == "__main__":
     if what == "world":
         sys.modules["world.process"].World = HangingWorld  # type: ignore[attr-defined]
     robot = agent.__main__.command_line_of(hanging_agent)
-    typer.run(robot if what == "agent" else world.__main__.main)
+    run(robot if what == "agent" else world.__main__.main)

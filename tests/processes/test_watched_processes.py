@@ -11,7 +11,7 @@ import pytest
 from notify_socket import NotifySocket
 from process_helpers import Process, endless, until
 
-from chassis.watching import LIVE, METRICS, READY, WatchPortError, ask
+from chassis.healthy import LIVE, METRICS, READY, ask
 
 WATCHDOG_S = 2.0
 HANGING = Path(__file__).with_name("hanging.py")
@@ -58,11 +58,8 @@ class Stage:
         )
 
     def says(self, what: str, path: str) -> str:
-        """What a process answers; nothing while it does not answer."""
-        try:
-            return ask(self.ports[what], path)[1]
-        except WatchPortError:
-            return ""
+        """What a process answers, or that it does not."""
+        return ask(str(self.ports[what]), path)[1]
 
     def will_say(self, what: str, path: str, answer: str) -> None:
         until(lambda: answer in self.says(what, path), f"{answer} at {path} of the {what}")

@@ -8,12 +8,12 @@ import pytest
 from markdown_it import MarkdownIt
 from prometheus_client.core import Metric
 
-from agent.process.health import RobotHealth, RobotMetrics
-from chassis.watching import LIVE, METRICS, READY
+from agent.process.health import RobotHealth
+from chassis.healthy import LIVE, METRICS, READY
 from fleet.status.standing import RobotState
 from protocol.messages import Mind, Observation, State, Timings, TrueRobot, Truth
 from protocol.scene import Goal
-from world.health import WorldHealth, WorldMetrics
+from world.health import WorldHealth
 
 PAGE = Path(__file__).parents[2] / "docs" / "watching.md"
 STATE = State(x_m=0.0, y_m=0.0, heading_rad=0.0, speed_mps=0.0)
@@ -58,7 +58,7 @@ def robot_metrics() -> list[Metric]:
             epoch=1, robot="1", step=step, decision=step, arrived=False, estimates={"1": STATE}, **told
         )
         health.decided(mind)
-    return list(RobotMetrics(health).collect())
+    return list(health.collect())
 
 
 def world_metrics() -> list[Metric]:
@@ -84,7 +84,7 @@ def world_metrics() -> list[Metric]:
         verdict=None,
     )
     health.stepped(truth, 0)
-    return list(WorldMetrics(health).collect())
+    return list(health.collect())
 
 
 def as_rows(metrics: list[Metric], prefix: str) -> dict[str, tuple[str, set[str]]]:

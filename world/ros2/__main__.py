@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from chassis.logs import log_to_journal
-from chassis.signals import end_with_parent
-from chassis.watching import WatchPortError
-from chassis.yaml_file import YamlFileError, read_as
+from chassis.process import end_with_parent, log_to_journal
+from chassis.refusal import run as run_command
+from chassis.refusal import said_by
+from chassis.yaml_file import read_as
 from world.access import Access, AccessError
 from world.options import (
     InsecureOption,
@@ -51,20 +51,18 @@ def main(
     """
     end_with_parent()
     log_to_journal()
+    settings = read_as(file, Ros2Bridge, "file of a bridge")
+    access = Access(listen, users, keys, insecure)
     try:
-        settings = read_as(file, Ros2Bridge, "file of a bridge")
-        access = Access(listen, users, keys, insecure)
-        run_bridge(BridgeOptions(settings, access, run, start_timeout, watch_port))
-    except YamlFileError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(ExitStatus.WRONG_USAGE) from None
+        with said_by("bridge"):
+            run_bridge(BridgeOptions(settings, access, run, start_timeout, watch_port))
     except AccessError as error:
         typer.echo(f"bridge: {error}", err=True)
         raise typer.Exit(ExitStatus.WRONG_USAGE) from None
-    except (EndpointError, RobotsMissingError, WatchPortError) as error:
+    except (EndpointError, RobotsMissingError) as error:
         typer.echo(f"bridge: {error}", err=True)
         raise typer.Exit(ExitStatus.FAILED) from None
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run_command(main)

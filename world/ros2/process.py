@@ -8,14 +8,15 @@ import structlog
 import zenoh
 from structlog.typing import FilteringBoundLogger
 
-from chassis.signals import on_wish_to_end
+from chassis.process import on_wish_to_end
+from chassis.watching import watch_port
 from protocol.keys import Keys
 from protocol.messages import PublicScene
 from protocol.session import Opening, client_session, reason_of, receive_on_threads
 from world.access import Access, most_sessions
 from world.bus import Bus
 from world.clock import RealTime
-from world.health import WorldHealth, watched
+from world.health import WorldHealth
 from world.inbox import Inbox
 from world.process import FAREWELL_S, EndpointError, open_session
 from world.ros2.bus import OdometryInbox, Ros
@@ -44,7 +45,7 @@ def run_bridge(options: BridgeOptions) -> None:
         AccessError: who may connect is not said as it must be.
         EndpointError: an endpoint cannot be used.
         RobotsMissingError: agents were missing at the start.
-        WatchPortError: the watch port cannot be used.
+        Refusal: the watch port cannot be used.
     """
     log: FilteringBoundLogger = structlog.get_logger("bridge")
     settings, keys, epoch = options.settings, Keys(options.run), secrets.randbits(63)
@@ -60,7 +61,7 @@ def run_bridge(options: BridgeOptions) -> None:
     agents = options.access.session(keys, core.robots, log)
     receive_on_threads(most_sessions(core.robots) + 1)
     with ExitStack() as stack:
-        stack.enter_context(watched(health, options.watch_port))
+        stack.enter_context(watch_port(health, options.watch_port))
         session = stack.enter_context(open_session(options.access.listen, agents))
         stack.enter_context(closing(inbox))
         log.info("waiting for the side of ROS", connect=settings.connect)

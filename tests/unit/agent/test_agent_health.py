@@ -3,7 +3,7 @@
 import pytest
 from agent_helpers import EPOCH, seen
 
-from agent.process.health import LONGEST_QUIET_S, RobotHealth, RobotMetrics
+from agent.process.health import LONGEST_QUIET_S, RobotHealth
 from protocol.messages import Mind, State, Timings
 from protocol.scene import Goal
 
@@ -39,7 +39,7 @@ def values(health):
     """By name and labels, such as ``unspoken_agent_degraded{gate}``."""
     return {
         sample.name + (f"{{{','.join(sample.labels.values())}}}" if sample.labels else ""): sample.value
-        for metric in RobotMetrics(health).collect()
+        for metric in health.collect()
         for sample in metric.samples
     }
 

@@ -10,7 +10,7 @@ import agent.__main__
 from agent.check.findings import Device
 from agent.cli import app
 from agent.process.options import Configuration, options_in
-from chassis.yaml_file import YamlFileError
+from chassis.refusal import Refusal
 from protocol.scene import Goal
 
 WHOLE = """
@@ -116,7 +116,7 @@ MISTAKES = [
 @pytest.mark.parametrize(("text", "told"), MISTAKES, ids=[text.strip() or "nothing" for text, _ in MISTAKES])
 def test_a_mistake_is_told_with_its_place(file, text, told):
     path = file(text)
-    with pytest.raises(YamlFileError) as refused:
+    with pytest.raises(Refusal) as refused:
         options_in(path)
     assert str(refused.value).startswith(f"{path.parent}/{told}")
 
@@ -137,9 +137,7 @@ def test_a_file_that_is_not_there_is_a_clear_error(checked):
 
 def test_a_goal_is_not_for_everybody_to_read(file):
     goal = "goal: {x_m: 4, y_m: 0, heading_rad: 0}\n"
-    with pytest.raises(
-        YamlFileError, match=r"everybody .* can read the robot's goal \(mode 0644\).*chmod o= "
-    ):
+    with pytest.raises(Refusal, match=r"everybody .* can read the robot's goal \(mode 0644\).*chmod o= "):
         options_in(file(goal, 0o644))
     assert options_in(file(goal, 0o640)) == {"goal": "4.0,0.0,0.0"}
     assert options_in(file("robot: 1\n", 0o644)) == {"robot": "1"}

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from chassis.refusal import Refusal
 from fleet.keys.authority import LOCAL_HOSTS, Authority, Device, Host, folder_of, hosts_in, name_of
 from fleet.keys.folders import create
-from protocol.device_keys import KeysError
 from protocol.keys import BENCH_NAME, WORLD_NAME
 
 NOW = datetime(2026, 5, 1, 12, tzinfo=UTC)
@@ -101,11 +101,9 @@ def test_two_authorities_have_different_names() -> None:
 def test_no_certificate_outlasts_its_authority() -> None:
     authority = Authority.new(NOW, 300)
     authority.issue(Device("7"), NOW, 300)
-    with pytest.raises(
-        KeysError, match=r"after their authority, which expires on .*; --days 300 is the most"
-    ):
+    with pytest.raises(Refusal, match=r"after their authority, which expires on .*; --days 300 is the most"):
         authority.issue(Device("7"), NOW, 301)
-    with pytest.raises(KeysError, match="make new keys for everybody with 'unspoken keys create'"):
+    with pytest.raises(Refusal, match="make new keys for everybody with 'unspoken keys create'"):
         authority.issue(Device("7"), NOW + timedelta(days=299.5), 1)
 
 

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from chassis.refusal import Refusal
 from fleet.run.experiment import prepare
 from protocol.keys import Keys
-from protocol.scenario import ScenarioError
 from scenarios import find
 
 CHOICES = {"goals": "ioc", "solver": "reference", "clock": "lockstep", "seed": 5}
@@ -60,5 +60,5 @@ def test_a_budget_that_is_given_counts(clock: str) -> None:
 
 
 def test_an_unknown_scenario_is_an_error_that_names_the_known_ones() -> None:
-    with pytest.raises(ScenarioError, match=r"8b.*2-crossing, 3-crossing, 4-crossing, 8a"):
+    with pytest.raises(Refusal, match=r"8b.*2-crossing, 3-crossing, 4-crossing, 8a"):
         prepare("8b", **CHOICES)

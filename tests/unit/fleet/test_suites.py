@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from chassis.refusal import Refusal
 from fleet.record.output import OutputError
 from fleet.scenarios.suite import generate, load_suite, write_suite
-from protocol.scenario import Scenario, ScenarioError, load_scenario
+from protocol.scenario import Scenario, load_scenario
 from scenarios import bundled_suites, find
 
 
@@ -105,7 +106,7 @@ def test_a_single_scenario_is_a_suite_of_one(name: str) -> None:
 
 
 def test_an_unknown_suite_is_told_with_the_known_ones_and_the_nearest() -> None:
-    with pytest.raises(ScenarioError) as raised:
+    with pytest.raises(Refusal) as raised:
         load_suite("fourty")
     assert str(raised.value) == (
         "fourty: there is no such file or directory and no bundled suite or scenario of this name; "
@@ -115,9 +116,7 @@ def test_an_unknown_suite_is_told_with_the_known_ones_and_the_nearest() -> None:
 
 def test_a_directory_without_scenario_files_is_told(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").touch()
-    with pytest.raises(
-        ScenarioError, match=r"at least one scenario file, and no \*\.yaml is there"
-    ) as raised:
+    with pytest.raises(Refusal, match=r"at least one scenario file, and no \*\.yaml is there") as raised:
         load_suite(str(tmp_path))
     assert str(raised.value).startswith(f"{tmp_path}: ")
 
@@ -127,7 +126,7 @@ def test_every_bad_file_of_a_suite_is_told(tmp_path: Path) -> None:
     for stem in ("bad", "worse"):
         (tmp_path / "mine" / f"{stem}.yaml").write_text("name: a\n")
     (tmp_path / "mine" / "directory.yaml").mkdir()
-    with pytest.raises(ScenarioError) as raised:
+    with pytest.raises(Refusal) as raised:
         load_suite(str(tmp_path / "mine"))
     bad, directory, worse = str(raised.value).splitlines()
     assert bad.endswith("mine/bad.yaml:1: robots: this field is missing")

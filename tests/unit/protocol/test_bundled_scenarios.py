@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from protocol.scenario import Scenario, ScenarioError, ScenarioRobot, load_scenario
+from chassis.refusal import Refusal
+from protocol.scenario import Scenario, ScenarioRobot, load_scenario
 from scenarios import bundled_scenarios, find
 
 SQUARE = [(x, y) for y in (4, 0, -4) for x in (-4, 0, 4) if (x, y) != (0, 0)]
@@ -81,7 +82,7 @@ def test_a_path_is_found_as_it_is(tmp_path: Path) -> None:
     [("8b", "8a"), ("4-crosing", "4-crossing"), ("scenarios/2-crossing.yml", "2-crossing")],
 )
 def test_an_unknown_name_is_told_with_the_nearest_one(wanted: str, meant: str) -> None:
-    with pytest.raises(ScenarioError) as raised:
+    with pytest.raises(Refusal) as raised:
         find(wanted)
     assert str(raised.value).startswith(f"{wanted}: ")
     assert "the bundled ones are 2-crossing, 3-crossing, 4-crossing, 8a; " in str(raised.value)
@@ -90,5 +91,5 @@ def test_an_unknown_name_is_told_with_the_nearest_one(wanted: str, meant: str) -
 
 @pytest.mark.parametrize("wanted", ["zzz", "x" * 5000, "a\0b"])
 def test_a_name_like_no_other_is_told_without_a_guess(wanted: str) -> None:
-    with pytest.raises(ScenarioError, match=r"4-crossing, 8a$"):
+    with pytest.raises(Refusal, match=r"4-crossing, 8a$"):
         find(wanted)

@@ -16,7 +16,8 @@ from cryptography.hazmat.primitives.serialization import BestAvailableEncryption
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.device_keys import KeysError, check_name, date_text, load_device_keys
+from chassis.refusal import Refusal
+from protocol.device_keys import check_name, date_text, load_device_keys
 from protocol.keys import BENCH_NAME, WORLD_NAME, checked_name
 
 NOW = datetime(2026, 5, 1, 12, tzinfo=UTC)
@@ -31,7 +32,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def complaint(folder: Path, now: datetime = NOW) -> str:
-    with pytest.raises(KeysError) as raised:
+    with pytest.raises(Refusal) as raised:
         load_device_keys(folder, now)
     return str(raised.value)
 
@@ -214,7 +215,7 @@ def test_a_near_end_is_warned_of(folder: Path, left: timedelta, warned: bool) ->
 def test_the_keys_of_somebody_else_are_told(folder: Path, expected: str, words: str) -> None:
     keys = load_device_keys(folder, NOW)
     with pytest.raises(
-        KeysError, match=f"^{re.escape(str(folder))}: these are the keys of robot 7, {words}; copy"
+        Refusal, match=f"^{re.escape(str(folder))}: these are the keys of robot 7, {words}; copy"
     ):
         check_name(keys, expected)
 
@@ -234,7 +235,7 @@ def outcome(folder: Path, file: str, content: bytes) -> str:
     (folder / file).write_bytes(content)
     try:
         keys = load_device_keys(folder, NOW)
-    except KeysError as error:
+    except Refusal as error:
         return "told" if str(error).startswith(f"{folder}/") else str(error)
     finally:
         (folder / file).write_bytes(whole)

@@ -9,15 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
+from chassis.refusal import Refusal
 from protocol.faults import MAX_FAULTS, Fault, Faults
-from protocol.scenario import (
-    Scenario,
-    ScenarioError,
-    load_scenario,
-    parse_scenario,
-    scenario_text,
-    with_faults,
-)
+from protocol.scenario import Scenario, load_scenario, parse_scenario, scenario_text, with_faults
 from scenarios import find
 
 CROSSING = load_scenario(find("2-crossing"))
@@ -31,7 +25,7 @@ ALL_KINDS = "the kinds are kill, freeze, slow, restart-world, loss, "
 def refusal(folder: Path, text: str) -> list[str]:
     path = folder / "broken.yaml"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(ScenarioError) as raised:
+    with pytest.raises(Refusal) as raised:
         with_faults(CROSSING, path)
     return str(raised.value).removeprefix(str(folder) + "/").replace(f"\n{folder}/", "\n").split("\n")
 
@@ -134,7 +128,7 @@ def test_too_many_faults_together_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "many.yaml"
     path.write_text("faults:\n" + "- {kind: loss, rate: 1}\n" * MAX_FAULTS)
     full = with_faults(CROSSING, path)
-    with pytest.raises(ScenarioError, match=rf"{2 * MAX_FAULTS} faults.*at most {MAX_FAULTS}"):
+    with pytest.raises(Refusal, match=rf"{2 * MAX_FAULTS} faults.*at most {MAX_FAULTS}"):
         with_faults(full, path)
 
 
@@ -148,7 +142,7 @@ def test_too_many_faults_together_are_refused(tmp_path: Path) -> None:
 )
 def test_mistakes_in_a_scenario_are_told_alike(faults: str, told: str) -> None:
     text = scenario_text(CROSSING) + f"faults: {faults}\n"
-    with pytest.raises(ScenarioError) as raised:
+    with pytest.raises(Refusal) as raised:
         parse_scenario(text, Path("hall.yaml"))
     assert str(raised.value) == f"hall.yaml:{len(text.splitlines())}: {told}"
 

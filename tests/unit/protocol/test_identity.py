@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 from certificate_helpers import keys_of, new_authority
 
+from chassis.refusal import Refusal
 from protocol.device_keys import DeviceKeys
-from protocol.identity import IdentityError, Login, client_identity, write_password
+from protocol.identity import Login, client_identity, write_password
 from protocol.session import client_session
 
 NOW = datetime.now(UTC).replace(microsecond=0)
@@ -47,7 +48,7 @@ def test_what_cannot_prove_it_is_told(keys: Path, password_file: Path) -> None:
         ("8", TLS, None, keys, "the keys of robot 7, those of robot 8 are expected"),
         ("7", TCP, Path("/nowhere/password"), None, "cannot be read"),
     ):
-        with pytest.raises(IdentityError, match=told):
+        with pytest.raises(Refusal, match=told):
             client_identity(name, endpoint, password, folder, NOW)
 
 

@@ -11,8 +11,8 @@ from protocol.session import Opening, brief_session, client_session, world_sessi
 
 @pytest.fixture(autouse=True)
 def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(protocol.opening, "BEAT_S", 0.01)
-    monkeypatch.setattr(protocol.opening, "PATIENCE_S", 0.05)
+    monkeypatch.setattr(protocol.session, "BEAT_S", 0.01)
+    monkeypatch.setattr(protocol.session, "PATIENCE_S", 0.05)
 
 
 def unexpected() -> None:

@@ -6,15 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from protocol.identity import (
-    Login,
-    PasswordError,
-    new_passwords,
-    read_password,
-    read_users,
-    write_password,
-    write_users,
-)
+from chassis.refusal import Refusal
+from protocol.identity import Login, new_passwords, read_password, read_users, write_password, write_users
 
 
 @pytest.fixture
@@ -58,7 +51,7 @@ def test_a_file_that_others_can_read_is_refused(tmp_path: Path, mode: int, read:
     path = tmp_path / "file"
     path.write_text("1:secret\n")
     path.chmod(mode)
-    with pytest.raises(PasswordError, match=rf"others can read .*mode {mode:04o}.*chmod 600") as raised:
+    with pytest.raises(Refusal, match=rf"others can read .*mode {mode:04o}.*chmod 600") as raised:
         read(path)  # type: ignore[operator]
     assert "secret" not in str(raised.value)
 
@@ -68,23 +61,23 @@ def test_a_file_that_others_can_read_is_refused(tmp_path: Path, mode: int, read:
     [("", "0 lines found"), ("a\nb\n", "2 lines found"), ("\n", "1 lines found, one line with the password")],
 )
 def test_a_password_is_one_line(tmp_path: Path, text: str, told: str) -> None:
-    with pytest.raises(PasswordError, match=told):
+    with pytest.raises(Refusal, match=told):
         read_password(private(tmp_path, text))
 
 
 @pytest.mark.parametrize("line", ["secret", ":secret", "1:", ""])
 def test_a_line_of_users_is_a_name_and_a_password(tmp_path: Path, line: str) -> None:
-    with pytest.raises(PasswordError, match="line 2: name:password is expected") as raised:
+    with pytest.raises(Refusal, match="line 2: name:password is expected") as raised:
         read_users(private(tmp_path, f"2:other\n{line}\n3:more\n"))
     assert "secret" not in str(raised.value)
 
 
 def test_a_missing_or_unreadable_file_is_told(tmp_path: Path) -> None:
-    with pytest.raises(PasswordError, match="No such file"):
+    with pytest.raises(Refusal, match="No such file"):
         read_password(tmp_path / "none")
     path = private(tmp_path, "")
     path.write_bytes(b"\xff\xfe")
-    with pytest.raises(PasswordError, match="not a text file"):
+    with pytest.raises(Refusal, match="not a text file"):
         read_users(path)
 
 

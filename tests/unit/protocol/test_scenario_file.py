@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from chassis.refusal import Refusal
 from chassis.yaml_file import MAX_FILE_BYTES
-from protocol.scenario import Scenario, ScenarioError, load_scenario
+from protocol.scenario import Scenario, load_scenario
 
 GOOD = """\
 name: crossing
@@ -48,7 +49,7 @@ def load(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Load:
 
 def refusal(load: Load, content: str | bytes) -> list[str]:
     """The lines of the one exception with which a file is refused."""
-    with pytest.raises(ScenarioError) as raised:
+    with pytest.raises(Refusal) as raised:
         load(content)
     return str(raised.value).splitlines()
 
@@ -236,10 +237,10 @@ def test_the_largest_allowed_file_is_read(load: Load) -> None:
 
 def test_a_missing_file_and_a_directory_are_told(tmp_path: Path) -> None:
     missing = tmp_path / "missing.yaml"
-    with pytest.raises(ScenarioError, match="cannot be read: No such file") as raised:
+    with pytest.raises(Refusal, match="cannot be read: No such file") as raised:
         load_scenario(missing)
     assert str(raised.value).startswith(f"{missing}: ")
-    with pytest.raises(ScenarioError, match="cannot be read: Is a directory"):
+    with pytest.raises(Refusal, match="cannot be read: Is a directory"):
         load_scenario(tmp_path)
 
 
@@ -248,7 +249,7 @@ def test_a_file_without_permission_is_told(tmp_path: Path) -> None:
     path = tmp_path / "secret.yaml"
     path.write_text(GOOD)
     path.chmod(0)
-    with pytest.raises(ScenarioError, match="cannot be read: Permission denied"):
+    with pytest.raises(Refusal, match="cannot be read: Permission denied"):
         load_scenario(path)
 
 
@@ -341,5 +342,5 @@ def test_whatever_a_file_holds_there_is_no_other_exception(
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "arbitrary.yaml"
     path.write_bytes(content.encode("utf-8", "surrogatepass") if isinstance(content, str) else content)
-    with pytest.raises(ScenarioError, match=r"arbitrary\.yaml"):
+    with pytest.raises(Refusal, match=r"arbitrary\.yaml"):
         load_scenario(path)

@@ -6,7 +6,8 @@ import pytest
 import yaml
 from ros2_helpers import bridge_file
 
-from chassis.yaml_file import YamlFileError, read_as
+from chassis.refusal import Refusal
+from chassis.yaml_file import read_as
 from world.ros2.settings import Ros2Bridge
 
 
@@ -40,7 +41,7 @@ def test_a_file_with_nothing_but_robots_has_the_defaults_of_a_scenario(load):
     ],
 )
 def test_mistakes_are_told_with_their_line(load, changes, where, words):
-    with pytest.raises(YamlFileError) as refused:
+    with pytest.raises(Refusal) as refused:
         load({**bridge_file(1), **changes})
     assert re.search(rf"bridge\.yaml:\d+: {re.escape(where)}: ", str(refused.value))
     assert words in str(refused.value)
@@ -61,7 +62,7 @@ def test_mistakes_are_told_with_their_line(load, changes, where, words):
     ],
 )
 def test_mistakes_of_a_robot_are_told_with_their_place(load, robot, field, words):
-    with pytest.raises(YamlFileError) as refused:
+    with pytest.raises(Refusal) as refused:
         load(bridge_file(1, robot=robot))
     assert f"robots[0].{field}: " in str(refused.value)
     assert words in str(refused.value)
@@ -70,21 +71,19 @@ def test_mistakes_of_a_robot_are_told_with_their_place(load, robot, field, words
 def test_two_robots_cannot_have_one_id_or_one_topic(load):
     content = bridge_file(3)
     content["robots"][2]["id"] = 1
-    with pytest.raises(YamlFileError, match=r"robots\[2\]\.id: the id '1' is used twice"):
+    with pytest.raises(Refusal, match=r"robots\[2\]\.id: the id '1' is used twice"):
         load(content)
     content = bridge_file(3)
     content["robots"][2]["odometry"] = "/robot_1/odom"
-    with pytest.raises(
-        YamlFileError, match=r"robots\[2\]\.odometry: the topic /robot_1/odom is that of robot"
-    ):
+    with pytest.raises(Refusal, match=r"robots\[2\]\.odometry: the topic /robot_1/odom is that of robot"):
         load(content)
     content = bridge_file(1)
     content["robots"][0]["command"] = "/robot_1/odom"
-    with pytest.raises(YamlFileError, match=r"robots\[0\]\.command: .* \(odometry\)"):
+    with pytest.raises(Refusal, match=r"robots\[0\]\.command: .* \(odometry\)"):
         load(content)
 
 
 @pytest.mark.parametrize("content", ["", "[]", "robots: [", "robots:\n  - &a [*a]\n"])
 def test_what_is_no_map_is_refused(load, content):
-    with pytest.raises(YamlFileError, match=r"bridge\.yaml"):
+    with pytest.raises(Refusal, match=r"bridge\.yaml"):
         load(content)

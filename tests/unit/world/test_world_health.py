@@ -3,13 +3,13 @@
 import pytest
 from world_stage import Stage
 
-from world.health import WorldHealth, WorldMetrics
+from world.health import WorldHealth
 
 
 def values(health):
     return {
         sample.name + (f"{{{','.join(sample.labels.values())}}}" if sample.labels else ""): sample.value
-        for metric in WorldMetrics(health).collect()
+        for metric in health.collect()
         for sample in metric.samples
     }
 

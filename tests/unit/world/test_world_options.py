@@ -4,10 +4,11 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from chassis.refusal import Command
 from world.__main__ import main
 
 app = typer.Typer()
-app.command()(main)
+app.command(cls=Command)(main)
 
 
 def invoke(*arguments):

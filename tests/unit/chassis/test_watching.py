@@ -14,18 +14,9 @@ from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.parser import text_string_to_metric_families
 
 from chassis.health import LONGEST_SILENCE_S, VitalSigns
-from chassis.watching import (
-    HOST,
-    LIVE,
-    METRICS,
-    MOST_A_SECOND,
-    MOST_AT_A_TIME,
-    PATIENCE_S,
-    READY,
-    WatchPortError,
-    ask,
-    watch_port,
-)
+from chassis.healthy import HOST, LIVE, METRICS, READY, ask
+from chassis.refusal import Refusal
+from chassis.watching import MOST_A_SECOND, MOST_AT_A_TIME, PATIENCE_S, watch_port
 
 
 class Clock:
@@ -66,34 +57,34 @@ def get(port, path, method="GET", **headers):
 
 
 def test_a_process_is_live_as_long_as_its_loop_gives_signs_of_life(service, port):
-    assert ask(port, LIVE) == (False, "not live: it has just been started")
+    assert ask(str(port), LIVE) == (False, "not live: it has just been started")
     service.beat()
     service.up()
-    assert ask(port, LIVE) == (True, "live")
+    assert ask(str(port), LIVE) == (True, "live")
     service.clock.now_s += LONGEST_SILENCE_S + 1.0
-    assert ask(port, LIVE) == (False, "not live: no sign of life for 11 s")
+    assert ask(str(port), LIVE) == (False, "not live: no sign of life for 11 s")
     service.beat()
-    assert ask(port, LIVE) == (True, "live")
+    assert ask(str(port), LIVE) == (True, "live")
 
 
 def test_a_start_may_take_longer_than_a_turn_of_the_loop(service, port):
     service.beat()
     service.clock.now_s += LONGEST_SILENCE_S + 1.0
-    assert ask(port, LIVE) == (True, "live")
+    assert ask(str(port), LIVE) == (True, "live")
 
 
 def test_a_process_is_ready_when_it_is_live_and_works(service, port):
     service.beat()
     service.wants("it waits for a world")
-    assert ask(port, READY) == (False, "not ready: it waits for a world")
+    assert ask(str(port), READY) == (False, "not ready: it waits for a world")
     service.works("drives")
     service.up()
-    assert ask(port, READY) == (True, "ready")
+    assert ask(str(port), READY) == (True, "ready")
     service.clock.now_s += LONGEST_SILENCE_S + 1.0
-    assert ask(port, READY) == (False, "not ready: no sign of life for 11 s")
+    assert ask(str(port), READY) == (False, "not ready: no sign of life for 11 s")
     service.beat()
     service.ends()
-    assert ask(port, READY) == (False, "not ready: it ends")
+    assert ask(str(port), READY) == (False, "not ready: it ends")
 
 
 @pytest.mark.parametrize("accept", ["", "text/plain", "application/openmetrics-text; version=1.0.0"])
@@ -119,7 +110,7 @@ def test_only_this_machine_is_answered(port):
 
 
 def test_a_port_in_use_is_a_clear_error(service, port):
-    with pytest.raises(WatchPortError, match=f"watch port {port} on 127.0.0.1 cannot be used: Address al"):
+    with pytest.raises(Refusal, match=f"watch port {port} on 127.0.0.1 cannot be used: Address al"):
         watch_port(service, port).__enter__()
 
 
@@ -156,7 +147,7 @@ def test_nonsense_does_no_harm(service, port, capfd, said):
         client.shutdown(socket.SHUT_WR)
         while client.recv(65536):
             pass
-    assert ask(port, LIVE) == (True, "live")
+    assert ask(str(port), LIVE) == (True, "live")
     assert "Traceback" not in capfd.readouterr().err
 
 
@@ -170,8 +161,9 @@ def test_clients_without_end_are_served_at_a_bounded_rate(port):
 def test_nobody_answers_after_the_end(service):
     with watch_port(service, 0) as port:
         pass
-    with pytest.raises(WatchPortError, match="nobody answers at http"):
-        ask(port, LIVE)
+    answers, why = ask(str(port), LIVE)
+    assert not answers
+    assert "nobody answers at http" in why
 
 
 def healthy(*arguments, **environment):

@@ -6,7 +6,7 @@ import pytest
 from notify_socket import NotifySocket
 from structlog.testing import capture_logs
 
-from chassis.service_manager import LONGEST_START_S, ServiceManager
+from chassis.health import LONGEST_START_S, ServiceManager
 
 
 class Clock:

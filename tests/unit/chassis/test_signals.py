@@ -8,7 +8,7 @@ import pytest
 
 WAITING = """
 import queue, sys
-from chassis.signals import on_wish_to_end
+from chassis.process import on_wish_to_end
 inbox = queue.SimpleQueue()
 on_wish_to_end(lambda: inbox.put("end"))
 print("waiting", flush=True)

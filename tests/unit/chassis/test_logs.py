@@ -7,7 +7,7 @@ import pytest
 
 SAYS = """
 import structlog
-from chassis.logs import log_to_journal
+from chassis.process import log_to_journal
 log_to_journal()
 log = structlog.get_logger("agent").bind(robot="3")
 log.info("joined", robots=8, late=False)
