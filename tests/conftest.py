@@ -5,6 +5,7 @@ do not need it.
 """
 
 import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,6 +20,11 @@ WITHOUT_SOLVER = [
     HERE / folder
     for folder in ("processes/deploy", "processes/silence", "unit/chassis", "unit/protocol", "unit/world")
 ]
+
+# Whoever starts the tests in the background (nohup, a shell's &) leaves these ignored, and every process that a
+# test starts would inherit that: Ctrl-C could then not be tested.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 settings.register_profile("unspoken", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
