@@ -11,6 +11,7 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from agent.agent import Agent
 from agent.process.warm import warm_up
+from chassis import refusal
 from fleet.audit.audit import Audit, first_ones
 from fleet.audit.difference import Difference
 from fleet.audit.recorded import RecordedRun, open_run
@@ -42,8 +43,8 @@ def conduct_audit(path: Path, json: Path | None) -> ExitStatus:
 
     def audit(interruption: Interruption) -> ExitStatus:
         audit = Audit(open_run(path))
-        if json not in (None, TO_STDOUT) and not write_report(audit.report().to_json(), json, errors):
-            return ExitStatus.WRONG_USAGE  # told now and not after minutes
+        if json not in (None, TO_STDOUT):  # a mistake in the path is told now, not after minutes
+            write_report(audit.report().to_json(), json, refusal.ExitStatus.WRONG_USAGE)
         with _Watching(interruption, errors) as watching:
             try:
                 compile_solver(interruption)
@@ -53,8 +54,8 @@ def conduct_audit(path: Path, json: Path | None) -> ExitStatus:
         report = audit.report()
         console.print(robot_table(report))
         _say(console, conclusion(report))
-        if json is not None and not write_report(report.to_json(), json, errors):
-            return ExitStatus.FAILED
+        if json is not None:
+            write_report(report.to_json(), json)
         return ExitStatus.ARRIVED if report.result == "follows" else ExitStatus.ENDED_OTHERWISE
 
     return _conducted(audit, errors)

@@ -1,13 +1,21 @@
-"""``unspoken bench``: the command line."""
+"""``unspoken bench``: its command line, what it shows meanwhile, and where its report goes."""
 
 from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.progress import Progress as Bar
+from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from fleet.bench.settings import MOST_ROBOTS, SectionName, Settings
-from fleet.record.report_file import JsonOption
+from chassis.refusal import ExitStatus, Refusal
+from fleet.bench.measuring import MOST_ROBOTS, Progress, SectionName, Settings
+from fleet.bench.report import Bench
+from fleet.interruption import Interruption
+from fleet.record.report_file import TO_STDOUT, JsonOption, write_report
 
 DEFAULT = Settings()
+WIDTH = 120
+"""What the widest table needs."""
 
 
 def _numbers(text: str) -> str:
@@ -68,6 +76,33 @@ def bench(
         starts=starts,
         reference=reference,
     )
-    from fleet.bench.conducting import conduct
+    measuring = Bench(settings)
+    if json not in (None, TO_STDOUT):  # a mistake in the path is told now, not after minutes
+        write_report(measuring.report().to_json(), json, ExitStatus.WRONG_USAGE)
+    failure = _measure(measuring)
+    report = measuring.report()
+    report.show(_console(stderr=json == TO_STDOUT))
+    if json is not None:
+        write_report(report.to_json(), json)
+    if isinstance(failure, Refusal):
+        raise failure
+    if failure is not None:
+        raise typer.Exit(ExitStatus.UNMET)
 
-    raise typer.Exit(conduct(settings, json))
+
+def _measure(measuring: Bench) -> KeyboardInterrupt | Refusal | None:
+    """Measure as far as possible; what prevented the rest."""
+    columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+    with Interruption() as interruption, Bar(*columns, console=_console(stderr=True), transient=True) as bar:
+        line = bar.add_task("", total=None)
+        try:
+            measuring.measure(Progress(interruption, lambda work: bar.update(line, description=work)))
+        except (KeyboardInterrupt, Refusal) as failure:
+            return failure
+    return None
+
+
+def _console(*, stderr: bool) -> Console:
+    """One whose tables are never cut: on a narrow terminal their lines go on in the next one."""
+    width = max(Console(stderr=stderr).width, WIDTH)
+    return Console(stderr=stderr, highlight=False, width=width)

@@ -50,14 +50,14 @@ def conduct(
             complaint = error
     order = {(trial.case.name, trial.robots, trial.seed): index for index, trial in enumerate(trials)}
     done.sort(key=lambda each: order[each.case, each.robots, each.seed])
-    written = json_path is None or write_report(_report(done, len(trials)), json_path, errors)
     if done:
         console.print(case_table(done))
     for text in failure_lines(done, command):
         console.print(text, markup=False, soft_wrap=True)
-    if complaint is not None or not written:
-        if complaint is not None:
-            errors.print(f"unspoken: {complaint}", markup=False, soft_wrap=True)
+    if json_path is not None:
+        write_report(_report(done, len(trials)), json_path)
+    if complaint is not None:
+        errors.print(f"unspoken: {complaint}", markup=False, soft_wrap=True)
         return ExitStatus.FAILED
     if len(done) < len(trials):
         errors.print(f"Interrupted: {len(done)} of {len(trials)} trials were made")

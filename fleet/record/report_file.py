@@ -6,7 +6,8 @@ from typing import Annotated, Final
 
 import typer
 from pydantic import BaseModel, ConfigDict
-from rich.console import Console
+
+from chassis.refusal import ExitStatus, Refusal
 
 TO_STDOUT: Final = Path("-")
 
@@ -27,28 +28,25 @@ class Record(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
 
 
-def write_report(text: str, path: Path, errors: Console) -> bool:
-    """Write a report and tell why where that is not possible.
+def write_report(text: str, path: Path, status: ExitStatus = ExitStatus.FAILED) -> None:
+    """Write a report into a file, or to the standard output where the path is ``-``.
 
     Args:
         text: the report.
-        path: where to; ``-`` is the standard output.
-        errors: for people.
+        path: where to.
+        status: of the refusal.
 
-    Returns:
-        Whether it could be written.
+    Raises:
+        Refusal: it cannot be written there.
     """
     if path == TO_STDOUT:
         sys.stdout.write(text + "\n")
-        return True
+        return
     try:
         path.write_text(text + "\n", encoding="utf-8")
     except OSError as error:
-        errors.print(
-            f"unspoken: {path}: the report cannot be written there: {error.strerror}; "
+        raise Refusal(
+            f"{path}: the report cannot be written there: {error.strerror}; "
             "a file in a directory that exists and can be written is expected in --json",
-            markup=False,
-            soft_wrap=True,
-        )
-        return False
-    return True
+            status,
+        ) from None

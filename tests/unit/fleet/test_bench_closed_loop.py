@@ -7,9 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fleet.bench.closed_loop import Solved, TimedSolver, cost, drive, passed_alike, shortfall_m
-from fleet.bench.crossings import circle
-from fleet.bench.durations import Distribution, Duration, Timer, Times
+from fleet.bench.loops import Solved, TimedSolver, circle, cost, drive, passed_alike, shortfall_m
+from fleet.bench.measuring import Distribution, Duration, Timer, Times
 from protocol.scenario import load_scenario
 from scenarios import find
 from world.physics import VehicleState
@@ -71,7 +70,7 @@ def test_robots_drive_the_first_inputs_of_each_solution(loop):
 
 
 def test_only_the_first_solve_of_a_loop_is_cold(loop):
-    assert [solved.warm for solved in loop] == [False] + [True] * (STEPS - 1)
+    assert [solved.starts[0].warm for solved in loop] == [False] + [True] * (STEPS - 1)
     assert len(loop[0].starts) > 1
 
 

@@ -11,13 +11,10 @@ from pydantic import ValidationError
 from typer.testing import CliRunner
 
 from fleet.bench import bus
-from fleet.bench.figures import SECTIONS, Figures, Section
-from fleet.bench.report import Report
-from fleet.bench.settings import SectionName, Settings
-from fleet.bench.stars import Protection
-from fleet.bench.startup import StartupRow, table
-from fleet.bench.targets import judge
-from fleet.bench.watch import Watch
+from fleet.bench.bus import Protection
+from fleet.bench.measuring import Progress, SectionName, Settings
+from fleet.bench.processes import StartupRow
+from fleet.bench.report import SECTIONS, Figures, Report, judge
 from fleet.cli import app
 from fleet.run.processes import ProcessFailedError
 from world.inbox import Inbox
@@ -43,7 +40,7 @@ def close(cell: str, value: float) -> bool:
 
 def only(monkeypatch: pytest.MonkeyPatch, measure) -> None:
     """Let the section ``startup`` measure something else."""
-    monkeypatch.setitem(SECTIONS, SectionName.STARTUP, Section(measure, table))
+    monkeypatch.setattr(StartupRow, "measure", measure)
 
 
 def test_the_report_has_a_place_for_every_section_and_a_section_for_every_name():
@@ -159,10 +156,10 @@ def test_compiling_from_nothing_takes_longer_than_loading():
 def test_ctrl_c_ends_it_with_what_has_been_measured_and_says_that_it_is_incomplete(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    def measure(_settings: Settings, watch: Watch) -> Iterator[StartupRow]:
+    def measure(_settings: Settings, progress: Progress) -> Iterator[StartupRow]:
         yield ROW
         signal.raise_signal(signal.SIGINT)
-        watch.tell("the next row")
+        progress.begin("the next row")
         raise AssertionError("it went on")
 
     only(monkeypatch, measure)
@@ -176,7 +173,7 @@ def test_ctrl_c_ends_it_with_what_has_been_measured_and_says_that_it_is_incomple
 
 
 def test_a_failed_process_is_told_and_what_was_measured_before_is_kept(monkeypatch: pytest.MonkeyPatch):
-    def measure(_settings: Settings, _watch: Watch) -> Iterator[StartupRow]:
+    def measure(_settings: Settings, _progress: Progress) -> Iterator[StartupRow]:
         yield ROW
         raise ProcessFailedError("robot-1 was killed by signal 9")
 
@@ -191,7 +188,7 @@ def test_a_failed_process_is_told_and_what_was_measured_before_is_kept(monkeypat
 def test_a_report_that_cannot_be_written_is_told_before_anything_is_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    def measure(_settings: Settings, _watch: Watch) -> Iterator[StartupRow]:
+    def measure(_settings: Settings, _progress: Progress) -> Iterator[StartupRow]:
         raise AssertionError("it was measured")
 
     only(monkeypatch, measure)

@@ -5,8 +5,8 @@ from itertools import combinations
 
 import pytest
 
-from fleet.bench.crossings import SPACING_M, circle, random_crossing
-from fleet.bench.settings import MOST_ROBOTS
+from fleet.bench.loops import SPACING_M, circle, random_crossing
+from fleet.bench.measuring import MOST_ROBOTS
 
 COUNTS = [1, 2, 3, 8, 16, 31, MOST_ROBOTS]
 
