@@ -9,6 +9,7 @@ import zenoh
 from protocol.codec import encode
 from protocol.keys import BENCH_NAME, Keys
 from protocol.messages import Observation, PublicScene, Truth
+from protocol.session import LATEST_WINS, NEVER_DROP
 from world.inbox import Inbox
 
 
@@ -56,15 +57,8 @@ class Bus:
         def store_reader(status: zenoh.MatchingStatus) -> None:
             inbox.store_presence(BENCH_NAME, present=status.matching)
 
-        self._poses = {
-            robot: session.declare_publisher(
-                keys.pose(robot),
-                congestion_control=zenoh.CongestionControl.DROP,
-                priority=zenoh.Priority.REAL_TIME,
-            )
-            for robot in robots
-        }
-        self._truth = session.declare_publisher(keys.truth, congestion_control=zenoh.CongestionControl.BLOCK)
+        self._poses = {robot: session.declare_publisher(keys.pose(robot), **LATEST_WINS) for robot in robots}
+        self._truth = session.declare_publisher(keys.truth, **NEVER_DROP)
         self._reading = self._truth.declare_matching_listener(store_reader)
         if self._truth.matching_status.matching:  # type: ignore[attr-defined]  # zenoh's stub says bool
             inbox.store_presence(BENCH_NAME, present=True)

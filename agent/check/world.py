@@ -19,7 +19,7 @@ from protocol.identity import Identity
 from protocol.keys import Keys
 from protocol.messages import PublicScene
 from protocol.scene import Scene
-from protocol.session import brief_session, reason_of
+from protocol.session import client_session, reason_of
 from protocol.version import PROTOCOL_VERSION
 
 LISTENS_S = 3.0
@@ -163,7 +163,7 @@ def check_world(device: Device, identity: Identity, *, proven: bool) -> Reached:
 
 
 def _session(device: Device, identity: Identity) -> zenoh.Session:
-    settings = brief_session(device.connect, identity, SESSION_S)
+    settings = client_session(device.connect, identity, SESSION_S)
     try:
         config = settings.to_zenoh()
     except zenoh.ZError as error:

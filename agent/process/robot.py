@@ -22,7 +22,7 @@ from protocol.identity import Identity, Login
 from protocol.keys import Keys
 from protocol.messages import Command, Message, Observation
 from protocol.scene import Goal, Scene
-from protocol.session import Opening, client_session
+from protocol.session import NEVER_DROP, Opening, client_session
 
 SCENE_TIMEOUT_S = 1.0
 """After this time without an answer the scene is asked for again."""
@@ -228,7 +228,7 @@ class RobotProcess:
 
     def _put(self, session: zenoh.Session, key: str, message: Message) -> None:
         """Unlike poses, of which the latest counts, these are not to be lost where a reader is slow."""
-        session.put(key, encode(message), congestion_control=zenoh.CongestionControl.BLOCK)
+        session.put(key, encode(message), **NEVER_DROP)
 
 
 def _proof(identity: Identity) -> str:

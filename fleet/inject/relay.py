@@ -22,7 +22,14 @@ from protocol.identity import Identity, client_identity
 from protocol.keys import Keys
 from protocol.messages import Command, Joining, Observation, PublicScene
 from protocol.policy import access_control, rights_of
-from protocol.session import SessionSettings, client_session, open_in_background, world_session
+from protocol.session import (
+    LATEST_WINS,
+    NEVER_DROP,
+    SessionSettings,
+    client_session,
+    open_in_background,
+    world_session,
+)
 
 SCENE_TIMEOUT_S = 1.0
 """For the world's answer; without one the robot is not answered, and asks again."""
@@ -168,8 +175,7 @@ class Relay:
             self._to_robot.put(
                 self._keys.pose(robot),
                 each,
-                congestion_control=zenoh.CongestionControl.DROP,
-                priority=zenoh.Priority.REAL_TIME,
+                **LATEST_WINS,
             )
         if not delivery.answerable:
             nothing = Command.withheld_at(observation.epoch, robot, step)
@@ -208,7 +214,7 @@ class Relay:
 
     def _say(self, key: str, payload: bytes) -> None:
         """As the robot itself would."""
-        self._world.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+        self._world.put(key, payload, **NEVER_DROP)
 
 
 def main() -> None:

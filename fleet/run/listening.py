@@ -17,7 +17,7 @@ from fleet.run.supervisor import WORLD, Supervisor
 from protocol.codec import MessageError, decode
 from protocol.keys import Keys
 from protocol.messages import Command, Message, Mind, PublicScene, Refusal, Truth
-from protocol.session import SessionSettings, open_in_background, reason_of
+from protocol.session import Opening, SessionSettings, reason_of
 
 
 class Outstanding:
@@ -249,19 +249,20 @@ class Subscriber:
         Raises:
             ProcessFailedError: the world ended instead.
         """
-        opened: SimpleQueue[zenoh.Session | zenoh.ZError] = SimpleQueue()
-        open_in_background(settings, opened.put)
-        while True:
-            try:
-                session = opened.get(timeout=LOOK_S)
-            except Empty:
-                self._hand_on_interruption()
-                self._supervisor.look()
-                self._give_up_without_processes()
-                continue
-            if isinstance(session, zenoh.ZError):
-                raise ProcessFailedError(f"the bench cannot reach its world: {reason_of(session)}")
-            return session
+
+        def look() -> None:
+            self._hand_on_interruption()
+            self._supervisor.look()
+            self._give_up_without_processes()
+
+        opening = Opening()
+        opening.begin(settings)
+        try:
+            session = opening.wait(look, every_s=LOOK_S)
+        except zenoh.ZError as error:
+            raise ProcessFailedError(f"the bench cannot reach its world: {reason_of(error)}") from error
+        assert session is not None, "nobody stops this opening"
+        return session
 
     def subscribe(self, session: zenoh.Session) -> Iterator[StreamItem]:
         """Listen to everything, then yield the scene.

@@ -16,7 +16,7 @@ from fleet.status.standing import Standing
 from protocol.codec import MessageError
 from protocol.identity import Identity
 from protocol.keys import Keys
-from protocol.session import client_session, open_in_background, reason_of
+from protocol.session import Opening, client_session, reason_of
 
 LOOK_S: Final = 0.1
 CONNECT_S: Final = 5.0
@@ -114,25 +114,21 @@ def listening(endpoint: str, identity: Identity, run: str, interruption: Interru
 
 
 def _connected(endpoint: str, identity: Identity, interruption: Interruption) -> zenoh.Session:
-    settings = client_session(endpoint, identity)
-    impatient = settings.connect.model_copy(
-        update={"timeout_ms": round(1000.0 * CONNECT_S), "exit_on_failure": True}
-    )
-    opened: SimpleQueue[zenoh.Session | zenoh.ZError] = SimpleQueue()
+    def look() -> None:
+        if interruption.requested:
+            raise KeyboardInterrupt
+
+    opening = Opening()
     try:
-        open_in_background(settings.model_copy(update={"connect": impatient}), opened.put)
+        opening.begin(client_session(endpoint, identity, CONNECT_S))
     except zenoh.ZError as error:
         raise UnreachableError(f"the endpoint {endpoint} cannot be used: {reason_of(error)}") from error
-    while True:
-        try:
-            session = opened.get(timeout=LOOK_S)
-        except Empty:
-            if interruption.requested:
-                raise KeyboardInterrupt from None
-            continue
-        if isinstance(session, zenoh.ZError):
-            raise UnreachableError(_why_unreachable(endpoint)) from session
-        return session
+    try:
+        session = opening.wait(look, every_s=LOOK_S)
+    except zenoh.ZError as error:
+        raise UnreachableError(_why_unreachable(endpoint)) from error
+    assert session is not None, "nobody stops this opening"
+    return session
 
 
 def _why_unreachable(endpoint: str) -> str:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import zenoh
 
+from protocol.session import LATEST_WINS
 from world.ros2.cdr import Twist, encode_twist
 from world.ros2.settings import Ros2Bridge
 
@@ -63,12 +64,7 @@ class Ros:
             inbox.store(robot, sample.payload.to_bytes())
 
         self._twists = {
-            robot.id: session.declare_publisher(
-                key_of(robot.command),
-                congestion_control=zenoh.CongestionControl.DROP,
-                priority=zenoh.Priority.REAL_TIME,
-                express=True,
-            )
+            robot.id: session.declare_publisher(key_of(robot.command), express=True, **LATEST_WINS)
             for robot in settings.robots
         }
         self._declared = [

@@ -19,7 +19,7 @@ from protocol.keys import BENCH_NAME, Keys
 from protocol.messages import Command, Observation, PublicScene, Truth
 from protocol.scenario import Pose, Scenario, ScenarioRobot
 from protocol.scene import Area
-from protocol.session import SessionSettings, client_session
+from protocol.session import SessionSettings, client_session, world_session
 from world.access import Access
 from world.bus import Bus
 from world.clock import LockStep
@@ -60,7 +60,7 @@ def honest(robot: str, step: int, epoch: int = EPOCH) -> Command:
 
 def open_settings(endpoint: str) -> SessionSettings:
     """A router as one has it without this project: it lets everybody do everything, and gossips."""
-    return SessionSettings.model_validate({"mode": "router", "listen": {"endpoints": (endpoint,)}})
+    return world_session(endpoint)
 
 
 class Evidence:
@@ -164,7 +164,7 @@ class Stage:
 
     def _router_config(self) -> zenoh.Config:
         if not self.policy:
-            config = json.loads(open_settings(self.endpoint).model_dump_json(exclude_none=True))
+            config = dict(open_settings(self.endpoint).config)
             return zenoh.Config.from_json5(json.dumps(merged(config, self._settings)))
         users = self._folder / "users"
         write_users(users, self.passwords)
@@ -180,8 +180,7 @@ class Stage:
             zenoh.ZError: it is not let in.
         """
         login = None if name is None or not self.policy else Login(name, password or self.passwords[name])
-        config = json.loads(client_session(self.endpoint, login).model_dump_json(exclude_none=True))
-        config["connect"].update(timeout_ms=1500, exit_on_failure=True)
+        config = dict(client_session(self.endpoint, login, patience_s=1.5).config)
         config = merged(config, settings or {})
         return self._closing.enter_context(zenoh.open(zenoh.Config.from_json5(json.dumps(config))))
 

@@ -34,10 +34,9 @@ def test_a_password_keys_or_nothing_is_what_a_client_proves_itself_with(
     assert client_identity("7", TCP, password_file, None, NOW) == Login("7", "secret")
     own = client_identity("7", TLS, None, keys, NOW)
     assert isinstance(own, DeviceKeys)
-    tls = client_session(TLS, own).transport.link.tls
-    assert tls is not None
-    assert (tls.root_ca_certificate, tls.connect_private_key) == (str(own.authority), str(own.key))
-    assert tls.listen_private_key is None
+    tls = client_session(TLS, own).config["transport"]["link"]["tls"]
+    assert (tls["root_ca_certificate"], tls["connect_private_key"]) == (str(own.authority), str(own.key))
+    assert "listen_private_key" not in tls
 
 
 def test_what_cannot_prove_it_is_told(keys: Path, password_file: Path) -> None:

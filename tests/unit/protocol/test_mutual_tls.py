@@ -19,12 +19,12 @@ from certificate_helpers import DAYS, keys_of, new_authority
 
 from fleet.keys.authority import Authority
 from protocol.keys import BENCH_NAME, WORLD_NAME
-from protocol.session import SessionSettings, client_session, world_session
+from protocol.session import NEVER_DROP, SessionSettings, client_session, world_session
 
 NOW = datetime.now(UTC).replace(microsecond=0)
 PATIENCE_S = 60
 """Ends a test that would otherwise wait for ever; nothing is asserted about times."""
-REFUSED_MS = 1500
+REFUSED_S = 1.5
 """After which a robot gives up: in the time of dozens of good connections."""
 Tree = dict[str, Any]
 KEY = "unspoken/test/command/7"
@@ -46,10 +46,8 @@ def world_keys(tmp_path: Path, authority: Authority) -> Path:
 
 
 def config(settings: SessionSettings, tls: Tree, access: Tree | None = None) -> zenoh.Config:
-    tree = json.loads(settings.model_dump_json(exclude_none=True))
+    tree = json.loads(json.dumps(settings.config))
     tree["transport"]["link"] |= {"protocols": ["tls"], "tls": tls}
-    if settings.mode == "client":
-        tree["connect"] |= {"timeout_ms": REFUSED_MS, "exit_on_failure": True}
     return zenoh.Config.from_json5(json.dumps(tree | ({"access_control": access} if access else {})))
 
 
@@ -87,7 +85,7 @@ def _listening(tls: Tree, access: Tree | None) -> tuple[zenoh.Session, str]:
 def open_robot(endpoint: str, folder: Path) -> zenoh.Session:
     return zenoh.open(
         config(
-            client_session(endpoint),
+            client_session(endpoint, patience_s=REFUSED_S),
             {
                 "root_ca_certificate": str(folder / "authority.pem"),
                 "connect_certificate": str(folder / "certificate.pem"),
@@ -120,7 +118,7 @@ def test_world_and_client_speak_with_keys_of_one_authority(
     with world_with(world_keys) as (world, endpoint):
         world.declare_subscriber(KEY, lambda sample: heard.put(bytes(sample.payload)))
         with open_robot(endpoint, folder) as robot:
-            robot.put(KEY, b"hello", congestion_control=zenoh.CongestionControl.BLOCK)
+            robot.put(KEY, b"hello", **NEVER_DROP)
             assert heard.get(timeout=PATIENCE_S) == b"hello"
 
 
@@ -170,7 +168,7 @@ def test_a_robot_without_keys_is_refused_because_mutual_tls_is_on(world_keys: Pa
     def is_let_in_without_keys(endpoint: str) -> bool:
         tls: Tree = {"root_ca_certificate": str(good / "authority.pem")}
         try:
-            robot = zenoh.open(config(client_session(endpoint), tls))
+            robot = zenoh.open(config(client_session(endpoint, patience_s=REFUSED_S), tls))
         except zenoh.ZError:
             return False
         with robot:
@@ -221,6 +219,6 @@ def test_zenoh_grants_access_by_the_name_in_the_certificate(
         world.declare_subscriber(KEY, lambda sample: heard.put(bytes(sample.payload)))
         for name in ("8", "7"):
             with open_robot(endpoint, keys_of(name, tmp_path, authority, NOW)) as robot:
-                robot.put(KEY, name.encode(), congestion_control=zenoh.CongestionControl.BLOCK)
+                robot.put(KEY, name.encode(), **NEVER_DROP)
         assert heard.get(timeout=PATIENCE_S) == b"7"
         assert heard.empty()

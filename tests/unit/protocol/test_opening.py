@@ -6,7 +6,7 @@ import pytest
 import zenoh
 
 import protocol.session
-from protocol.session import Opening, brief_session, client_session, world_session
+from protocol.session import Opening, client_session, world_session
 
 
 @pytest.fixture(autouse=True)
@@ -61,6 +61,6 @@ def test_an_endpoint_that_is_none_is_an_error_at_once():
 
 def test_an_opening_that_fails_is_an_error_where_it_is_waited_for(endpoint):
     opening = Opening()
-    opening.begin(brief_session(endpoint, None, patience_s=0.1))
+    opening.begin(client_session(endpoint, patience_s=0.1))
     with pytest.raises(zenoh.ZError):
         opening.wait(lambda: None, lambda: None)

@@ -13,7 +13,7 @@ import pytest
 import zenoh
 
 from protocol.messages import MAX_PAYLOAD_BYTES
-from protocol.session import client_session, world_session
+from protocol.session import NEVER_DROP, client_session, world_session
 
 PATIENCE_S = 60
 """Ends a test that would otherwise wait for ever; nothing is asserted about times."""
@@ -110,7 +110,7 @@ def test_the_largest_payload_passes_both_ways_and_a_larger_one_is_dropped(endpoi
     ):
         for sender, receiver in ((world, robot), (robot, world)):
             listener = Listener(receiver)
-            publisher = sender.declare_publisher(KEY, congestion_control=zenoh.CongestionControl.BLOCK)
+            publisher = sender.declare_publisher(KEY, **NEVER_DROP)
             wait_for_a_listener(publisher)
             for size in (MAX_PAYLOAD_BYTES, MAX_PAYLOAD_BYTES + 4096, 1):
                 publisher.put(bytes(size))
@@ -144,10 +144,8 @@ def idle_sockets(port: int) -> Iterator[None]:
 
 def is_let_in(port: int) -> bool:
     """Whether a newcomer gets in within the time that a world gives a half-open connection, and some more."""
-    settings = client_session(f"tcp/127.0.0.1:{port}")
-    impatient = settings.connect.model_copy(update={"timeout_ms": 4000, "exit_on_failure": True})
     try:
-        session = zenoh.open(settings.model_copy(update={"connect": impatient}).to_zenoh())
+        session = zenoh.open(client_session(f"tcp/127.0.0.1:{port}", patience_s=4.0).to_zenoh())
     except zenoh.ZError:
         return False
     session.close()

@@ -33,18 +33,16 @@ def session(access):
 def test_with_passwords_the_policy_is_enforced_and_nothing_is_warned_of(users):
     settings, warnings = session(Access(HERE, users))
     assert warnings == []
-    assert {subject.usernames for subject in settings.access_control.subjects} == {
-        ("1",),
-        ("2",),
-        (BENCH_NAME,),
-    }
-    assert settings.transport.auth.usrpwd.dictionary_file == str(users)
-    assert settings.transport.unicast.max_sessions == 2 * len(ROBOTS) + SPARE_SESSIONS
+    subjects = settings.config["access_control"]["subjects"]
+    assert {subject["usernames"] for subject in subjects} == {("1",), ("2",), (BENCH_NAME,)}
+    transport = settings.config["transport"]
+    assert transport["auth"]["usrpwd"]["dictionary_file"] == str(users)
+    assert transport["unicast"]["max_sessions"] == 2 * len(ROBOTS) + SPARE_SESSIONS
 
 
 def test_without_any_proof_a_world_says_that_it_is_open():
     settings, warnings = session(Access(HERE))
-    assert settings.access_control is None
+    assert "access_control" not in settings.config
     assert warnings == ["no policy: whoever connects may read and say anything"]
 
 
@@ -53,7 +51,7 @@ def test_a_world_that_others_can_reach_needs_keys_or_to_be_told(users):
         with pytest.raises(AccessError, match=r"can be reached from other machines.*--keys.*--insecure"):
             session(access)
     settings, warnings = session(Access(NETWORK, users, insecure=True))
-    assert settings.access_control is not None
+    assert "access_control" in settings.config
     assert warnings == [
         "insecure: anyone on the network can read what is said here, and pretend to be a robot"
     ]

@@ -20,11 +20,7 @@ KEYS = Keys("run")
 
 def connect(endpoint):
     """A client's session that gives up when no world comes: a failing test must not hang."""
-    settings = client_session(endpoint)
-    patient = settings.connect.model_copy(
-        update={"timeout_ms": int(PATIENCE_S * 1000), "exit_on_failure": True}
-    )
-    return zenoh.open(settings.model_copy(update={"connect": patient}).to_zenoh())
+    return zenoh.open(client_session(endpoint, patience_s=PATIENCE_S).to_zenoh())
 
 
 def write_scenario(path, scenario):
