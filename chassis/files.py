@@ -1,7 +1,15 @@
-"""Files that are never seen half written."""
+"""Files that are never seen half written, and the base of the records in them."""
 
 import os
 from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict
+
+
+class Record(BaseModel):
+    """Base of what is said on the bus, written by hand or kept: exactly these fields, only finite numbers."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
 def write_private(path: Path, text: str) -> None:

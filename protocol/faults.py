@@ -10,8 +10,9 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator
 
+from chassis.files import Record
 from protocol.keys import Id
-from protocol.scene import Metres, NonNegative, Settings, Weights
+from protocol.scene import Metres, NonNegative, Weights
 
 MAX_FAULTS = 256
 MAX_LATE_STEPS = 10
@@ -35,7 +36,7 @@ def _time_or_interval(value: object) -> str:
     return "interval" if isinstance(value, Sequence) and not isinstance(value, str) else "time"
 
 
-class _Fault(Settings):
+class _Fault(Record):
     """When: at a time, or at one drawn from an interval, in simulated seconds since step 0."""
 
     start_s: Annotated[
@@ -378,7 +379,7 @@ Fault = Annotated[
 Faults = Annotated[tuple[Fault, ...], BeforeValidator(as_tuple), Field(max_length=MAX_FAULTS)]
 
 
-class FaultFile(Settings):
+class FaultFile(Record):
     """A file of faults alone."""
 
     faults: Annotated[Faults, Field(min_length=1)]

@@ -10,8 +10,9 @@ is no such command.
 
 from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from chassis.files import Record
 from protocol.arrival import wrap_angle
 from protocol.keys import Name
 from protocol.scene import MAX_ROBOTS, Scene
@@ -27,11 +28,7 @@ Seconds = Annotated[float, Field(ge=0, le=1e9)]
 Epoch = Annotated[int, Field(ge=0, lt=2**63)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class Said(_Strict):
+class Said(Record):
     """Whatever is said on the bus. It states its version, so that a reader refuses what it does not know."""
 
     VERSION: ClassVar[int] = PROTOCOL_VERSION
@@ -53,7 +50,7 @@ class Message(Said):
     """Drawn anew by every world: messages of another epoch belong to another run of the world."""
 
 
-class State(_Strict):
+class State(Record):
     """One robot's state (p_x, p_y, ψ, v) of eq. 8."""
 
     x_m: Coordinate
@@ -75,7 +72,7 @@ Robots = Annotated[dict[Name, State], Field(max_length=MAX_ROBOTS)]
 Deviation = Annotated[float, Field(ge=0, le=1e6)]
 
 
-class Accuracy(_Strict):
+class Accuracy(Record):
     """Standard deviations of what a sensor measures; zero: exact."""
 
     position_m: Deviation = 0.0
@@ -141,7 +138,7 @@ class PublicScene(Message):
 Verdict = Literal["arrived", "collision", "deadlock", "timeout", "interrupted"]
 
 
-class TrueRobot(_Strict):
+class TrueRobot(Record):
     """One robot as the referee sees it."""
 
     state: State
@@ -186,7 +183,7 @@ Milliseconds = Annotated[float, Field(ge=0, le=1e9)]
 Positions = Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(max_length=MAX_HORIZON + 1)]
 
 
-class Timings(_Strict):
+class Timings(Record):
     """Wall-clock time of the phases of one decision, in ms; a phase that did not run took none."""
 
     estimate: Milliseconds = 0.0

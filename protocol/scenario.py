@@ -8,11 +8,12 @@ from typing import Annotated, Any, Self
 import yaml
 from pydantic import BeforeValidator, Field, model_validator
 
+from chassis.files import Record
 from chassis.refusal import Refusal
 from chassis.yaml_file import location_of, mistake_at, read_text, told_at, tree_of, validated
 from protocol.faults import MAX_FAULTS, FaultFile, Faults, Interval, as_tuple, unknown_robot
 from protocol.keys import Id
-from protocol.scene import MAX_ROBOTS, Goal, Metres, NonNegative, PublicRobot, Rules, Scene, Settings
+from protocol.scene import MAX_ROBOTS, Goal, Metres, NonNegative, PublicRobot, Rules, Scene
 
 MAX_DELAY_STEPS = 10
 """Robots forget whom they have not seen for this long (``agent.remember.memory.LONGEST_GAP``)."""
@@ -20,7 +21,7 @@ MAX_ABSENCES = 16 + MAX_FAULTS
 """Of one robot; each of its faults may be one."""
 
 
-class Pose(Settings):
+class Pose(Record):
     """A position and a heading; without a heading, the direction from start to goal."""
 
     x_m: Metres
@@ -28,7 +29,7 @@ class Pose(Settings):
     heading_rad: Metres | None = None
 
 
-class Sensing(Settings):
+class Sensing(Record):
     """What one robot's sensors see of the others; the default is perfect.
 
     Noise is Gaussian with these standard deviations, drawn for every observer, robot and step by itself. A

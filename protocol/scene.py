@@ -3,8 +3,9 @@
 from collections.abc import Iterable
 from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from chassis.files import Record
 from protocol.keys import Name
 from protocol.vehicle import Limits
 
@@ -14,13 +15,7 @@ NonNegative = Annotated[float, Field(ge=0, le=1e6)]
 Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
-class Settings(BaseModel):
-    """Base of what is written by hand or told to robots: no unknown fields, only finite numbers."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class Area(Settings):
+class Area(Record):
     """The drivable rectangle (table 1: ±10 m)."""
 
     x_min_m: Metres = -10.0
@@ -39,14 +34,14 @@ class Area(Settings):
         return self.x_min_m <= x_m <= self.x_max_m and self.y_min_m <= y_m <= self.y_max_m
 
 
-class Horizons(Settings):
+class Horizons(Record):
     """Numbers of steps looked ahead (K_P) and back (K_E) (table 1)."""
 
     prediction_steps: Annotated[int, Field(ge=2, le=200)] = 30
     estimation_steps: Annotated[int, Field(ge=2, le=200)] = 15
 
 
-class Weights(Settings):
+class Weights(Record):
     """Diagonal of Q in the cost (x − L)ᵀ Q (x − L) (eq. 11).
 
     The publication does not state Q; these values let every robot park and give durations in the published
@@ -63,7 +58,7 @@ class Weights(Settings):
         return (self.x, self.y, self.heading, self.speed)
 
 
-class Goal(Settings):
+class Goal(Record):
     """A goal pose; the goal speed is zero."""
 
     x_m: Metres
@@ -75,7 +70,7 @@ class Goal(Settings):
         return (self.x_m, self.y_m, self.heading_rad, 0.0)
 
 
-class PublicRobot(Settings):
+class PublicRobot(Record):
     """What everybody may know of one robot."""
 
     radius_m: Annotated[float, Field(gt=0, le=100)] = 0.495
@@ -83,7 +78,7 @@ class PublicRobot(Settings):
     limits: Limits = Limits()
 
 
-class Rules(Settings):
+class Rules(Record):
     """What holds for all robots of a run."""
 
     step_s: Annotated[float, Field(gt=0, le=10)] = 0.1

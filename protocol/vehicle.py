@@ -7,15 +7,15 @@ reversing. Input (ω, a): turn rate in rad/s and acceleration in m/s², held for
 import math
 from typing import Annotated, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from chassis.files import Record
 
 Positive = Annotated[float, Field(gt=0, le=1e3)]
 
 
-class Limits(BaseModel):
+class Limits(Record):
     """Symmetric limits of one vehicle (table 1 of Majer et al. 2026 gives the defaults)."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
     speed_mps: Positive = 4.5
     acceleration_mps2: Positive = 3.0

@@ -8,15 +8,16 @@ from pydantic import Field
 
 from agent.estimate import GoalsName
 from agent.solve import SolverName
+from chassis.files import Record
 from chassis.refusal import Refusal
 from chassis.yaml_file import read_as
 from protocol.keys import Id, Name
-from protocol.scene import MAX_ROBOTS, Goal, Settings
+from protocol.scene import MAX_ROBOTS, Goal
 
 Text = Annotated[str, Field(min_length=1, max_length=4096)]
 
 
-class Configuration(Settings):
+class Configuration(Record):
     """What the file may hold: any of the options, under its name. ``docs/agent.md`` explains each."""
 
     robot: Id | None = None

@@ -6,11 +6,11 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
+from chassis.files import Record
 from chassis.yaml_file import read_as
 from fleet.inject.schedule import Scheduled, schedule
 from protocol.faults import ClockStep, DiskFull, Faults, Pause, RecorderDies, as_tuple
 from protocol.scenario import Scenario
-from protocol.scene import Settings
 
 BUNDLED = Path(__file__).with_name("suite.yaml")
 PROCESSES_ONLY = (ClockStep, Pause, DiskFull, RecorderDies)
@@ -19,7 +19,7 @@ PROCESSES_ONLY = (ClockStep, Pause, DiskFull, RecorderDies)
 CaseName = Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
 
 
-class Case(Settings):
+class Case(Record):
     """Faults, and what has to hold beyond what holds in every case (``fleet.faults.invariants``)."""
 
     name: CaseName
@@ -41,7 +41,7 @@ class Case(Settings):
         return schedule(self.faults, seed=seed, step_s=scenario.step_s)
 
 
-class Suite(Settings):
+class Suite(Record):
     """What a file of cases says."""
 
     cases: Annotated[tuple[Case, ...], BeforeValidator(as_tuple), Field(min_length=1, max_length=1000)]

@@ -7,9 +7,8 @@ from pathlib import Path
 import structlog
 from pydantic import ValidationError
 
-from chassis.files import write_private
+from chassis.files import Record, write_private
 from protocol.keys import Name
-from protocol.scene import Settings
 
 FILE = ".reach.json"
 RUNS = Path("runs")
@@ -22,7 +21,7 @@ class NoRunError(Exception):
     """There is no run to look at; the text says what there is and what to do."""
 
 
-class Address(Settings):
+class Address(Record):
     """What it takes to listen to a run as its bench does."""
 
     endpoint: str

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from agent.estimate import GoalsName
 from agent.solve import ITERATIONS, SolverName
+from chassis.files import Record
 from protocol.keys import Name
 from protocol.scenario import Scenario, load_scenario, scenario_text, with_faults
-from protocol.scene import Settings
 from scenarios import find
 from world.process import ClockKind
 
@@ -21,7 +21,7 @@ VIRTUAL = "virtual"
 """The clock of ``simulate``, as its summary names it."""
 
 
-class RunFacts(Settings):
+class RunFacts(Record):
     """Which experiment a run is; kept in its summary and in its recording."""
 
     scenario: str

@@ -5,8 +5,8 @@ from typing import Final, Literal
 
 import numpy as np
 
+from chassis.files import Record
 from protocol.messages import Command, Degradation, Message, Mind, PublicScene, Truth, Verdict
-from protocol.scene import Settings
 
 WINDOW_S: Final = 5.0
 """What rates and times are of."""
@@ -14,7 +14,7 @@ MOST: Final = 5000
 """Values kept of one kind, whatever a robot says in that time."""
 
 
-class Spread(Settings):
+class Spread(Record):
     """Of times in ms."""
 
     p50: float
@@ -61,7 +61,7 @@ RobotState = Literal["missing", "present", "ready", "degraded", "arrived", "quie
 at its goal; it is there, but decides no more; it was there."""
 
 
-class WorldStatus(Settings):
+class WorldStatus(Record):
     """Of the world."""
 
     state: WorldState
@@ -74,7 +74,7 @@ class WorldStatus(Settings):
     verdict: Verdict | None
 
 
-class RobotStatus(Settings):
+class RobotStatus(Record):
     """Of one robot."""
 
     robot: str
@@ -92,7 +92,7 @@ class RobotStatus(Settings):
     refused: int
 
 
-class Status(Settings):
+class Status(Record):
     """Of a run at a moment."""
 
     run: str

@@ -6,10 +6,11 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from chassis.files import Record
 from chassis.yaml_file import mistake_at
 from protocol.keys import Id
 from protocol.messages import Accuracy
-from protocol.scene import MAX_ROBOTS, Metres, NonNegative, PublicRobot, Rules, Scene, Settings
+from protocol.scene import MAX_ROBOTS, Metres, NonNegative, PublicRobot, Rules, Scene
 
 _FULL_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
@@ -28,7 +29,7 @@ Topic = Annotated[str, Field(max_length=256), AfterValidator(_is_full_name)]
 Wait = Annotated[float, Field(gt=0, le=10)]
 
 
-class Origin(Settings):
+class Origin(Record):
     """Where the frame of a robot's odometry lies in the frame of the area."""
 
     x_m: Metres = 0.0
@@ -47,7 +48,7 @@ class Ros2Robot(PublicRobot):
     origin: Origin = Origin()
 
 
-class Unstated(Settings):
+class Unstated(Record):
     """Standard deviations of odometry whose covariance states none: level ``low`` of ``--noise``."""
 
     position_m: NonNegative = 0.02
