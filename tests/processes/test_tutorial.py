@@ -16,7 +16,9 @@ COMMANDS = Path(sys.executable).parent
 @pytest.mark.slow
 def test_every_command_of_the_tutorial_does_what_it_should(tmp_path):
     said = ""
-    blocks = [block for block in MarkdownIt().parse((ROOT / "docs" / "tutorial.md").read_text()) if block.content]
+    blocks = [
+        block for block in MarkdownIt().parse((ROOT / "docs" / "tutorial.md").read_text()) if block.content
+    ]
     for before, block in zip(["", *(one.content for one in blocks)], blocks, strict=False):
         if block.type == "fence" and block.info == "yaml":
             (name,) = re.findall(r"Save this as `(\S+\.yaml)`", before)
