@@ -21,8 +21,8 @@ WITHOUT_SOLVER = [
     for folder in ("processes/deploy", "processes/silence", "unit/chassis", "unit/protocol", "unit/world")
 ]
 
-# Whoever starts the tests in the background (nohup, a shell's &) leaves these ignored, and every process that a
-# test starts would inherit that: Ctrl-C could then not be tested.
+# Started in the background (nohup, a shell's &) the tests come with these ignored, and so would every process
+# that a test starts: Ctrl-C could not be tested.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
