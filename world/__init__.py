@@ -1,4 +1,4 @@
 """The world: one process that simulates the robots, plays their sensors and referees the run.
 
-`World` is the pure core; `run`, `bus` and `process` wrap it in a Zenoh session.
+`World` is the pure core; `run`, `bus` and `__main__` wrap it in a Zenoh session.
 """

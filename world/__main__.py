@@ -1,15 +1,26 @@
-"""``python -m world``: the command line of the world's process."""
+"""``python -m world``: the world's process and its command line."""
 
+import secrets
+from contextlib import closing
 from typing import Annotated
 
+import structlog
 import typer
 
-from chassis.process import end_with_parent, log_to_journal
+from chassis.process import end_with_parent, log_to_journal, on_wish_to_end
+from chassis.refusal import ExitStatus, said_by
 from chassis.refusal import run as run_command
-from chassis.refusal import said_by
+from chassis.watching import watch_port as open_watch_port
+from protocol.keys import BENCH_NAME, Keys
+from protocol.messages import PublicScene
 from protocol.scenario import load_scenario
+from protocol.session import receive_on_threads
 from scenarios import find
-from world.access import Access, AccessError
+from world.access import Access, most_sessions
+from world.bus import Bus, open_session
+from world.clock import ClockKind, LockStep, RealTime
+from world.health import WorldHealth
+from world.inbox import Inbox
 from world.options import (
     InsecureOption,
     KeysOption,
@@ -20,8 +31,8 @@ from world.options import (
     WatchPortOption,
     seconds,
 )
-from world.process import ClockKind, EndpointError, ExitStatus, WorldOptions, run_world
-from world.run import RobotsMissingError
+from world.run import Run
+from world.world import World
 
 
 def main(
@@ -57,7 +68,7 @@ def main(
         typer.Option(
             "--await-reader",
             envvar="UNSPOKEN_AWAIT_READER",
-            help="Begin when the truth has a reader, too, so that it misses nothing.",
+            help="Begin only once the truth has a reader, so that it misses nothing.",
         ),
     ] = False,
     start_timeout: StartTimeoutOption = 60.0,
@@ -73,36 +84,50 @@ def main(
 ) -> None:
     """Simulate and referee one run.
 
+    SIGINT and SIGTERM end it with the verdict "interrupted".
+
     Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage, scenario,
     passwords or keys, 3 robots were missing at the start, or the endpoint or the watch port could not be
     opened.
     """
     end_with_parent()
     log_to_journal()
+    log = structlog.get_logger("world")
     loaded = load_scenario(find(scenario))
+    bus_keys, epoch = Keys(run), secrets.randbits(63)
+    world = World(loaded, seed=seed, epoch=epoch)
+    scene = PublicScene(epoch=epoch, scene=loaded.scene(with_goals=exchange_goals))
+    inbox, health = Inbox(world.robots), WorldHealth(world.robots)
+    on_wish_to_end(inbox.interrupt)
+    receive_on_threads(most_sessions(world.robots))
     access = Access(listen, users, keys, insecure)
-    options = WorldOptions(
-        loaded,
-        access,
-        run,
-        clock,
-        seed,
-        exchange_goals,
-        await_reader,
-        start_timeout,
-        answer_timeout,
-        watch_port,
-    )
-    try:
-        with said_by("world"):
-            status = run_world(options)
-    except AccessError as error:
-        typer.echo(f"world: {error}", err=True)
-        raise typer.Exit(ExitStatus.WRONG_USAGE) from None
-    except (EndpointError, RobotsMissingError) as error:
-        typer.echo(f"world: {error}", err=True)
-        raise typer.Exit(ExitStatus.FAILED) from None
-    raise typer.Exit(status)
+    with (
+        said_by("world"),
+        open_watch_port(health, watch_port),
+        open_session(listen, access.session(bus_keys, world.robots, log)) as session,
+        closing(inbox),
+    ):
+        bus = Bus(session, bus_keys, scene, world.robots, inbox)
+        log.info(
+            "world started",
+            scenario=loaded.name,
+            robots=len(world.robots),
+            listen=listen,
+            run=run,
+            clock=clock.value,
+            seed=seed,
+            exchange_goals=exchange_goals,
+            epoch=epoch,
+        )
+        health.up()  # for robots: whoever is started now finds it
+        lasting = RealTime(loaded.step_s) if clock is ClockKind.REALTIME else LockStep(answer_timeout)
+        driven = Run(world, lasting, inbox, bus, log, health)
+        driven.wait_for_robots(start_timeout, (BENCH_NAME,) if await_reader else ())
+        verdict = driven.drive().verdict
+        health.ends()
+        bus.wait_for_readers()
+    if verdict != "arrived":
+        raise typer.Exit(ExitStatus.UNMET)
 
 
 if __name__ == "__main__":

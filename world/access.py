@@ -68,10 +68,6 @@ SPARE_SESSIONS = 8
 """Beyond two for each robot, which may come back before its old session is given up: for benches."""
 
 
-class AccessError(Exception):
-    """The world cannot be sure of who is who, or not open to whom it should; says what to do."""
-
-
 @dataclass(frozen=True)
 class Access:
     """What a world is told of who may connect.
@@ -92,10 +88,10 @@ class Access:
         """The session that enforces the policy of a run, as far as names can be proven.
 
         Raises:
-            AccessError: passwords or keys cannot be used, or the world would be open to the network.
+            Refusal: passwords or keys cannot be used, or the world would be open to the network.
         """
         if self.users is not None and self.keys is not None:
-            raise AccessError("passwords and keys are given; --users or --keys is expected")
+            raise Refusal("passwords and keys are given; --users or --keys is expected")
         proof = self._proof(robots, log)
         access = None
         if proof is None:
@@ -109,16 +105,13 @@ class Access:
         return world_session(self.listen, access, proof, most_sessions(robots))
 
     def _proof(self, robots: tuple[str, ...], log: FilteringBoundLogger) -> Path | DeviceKeys | None:
-        try:
-            check_keys_fit(self.listen, self.keys)
-            if self.keys is not None:
-                return self._own_keys(self.keys, log)
-            if not is_local(self.listen):
-                self._allow_network(log)
-            if self.users is not None:
-                self._check_users(read_users(self.users), robots)
-        except Refusal as error:
-            raise AccessError(str(error)) from error
+        check_keys_fit(self.listen, self.keys)
+        if self.keys is not None:
+            return self._own_keys(self.keys, log)
+        if not is_local(self.listen):
+            self._allow_network(log)
+        if self.users is not None:
+            self._check_users(read_users(self.users), robots)
         return self.users
 
     def _own_keys(self, folder: Path, log: FilteringBoundLogger) -> DeviceKeys:
@@ -131,7 +124,7 @@ class Access:
 
     def _allow_network(self, log: FilteringBoundLogger) -> None:
         if not self.insecure:
-            raise AccessError(
+            raise Refusal(
                 f"{self.listen} can be reached from other machines, and nothing there is encrypted: anyone "
                 "on the network could read poses, and drive robots. Listen at tls/… with --keys, or on this "
                 "machine only, such as at tcp/127.0.0.1:7447; or say --insecure if the network is yours "
@@ -144,7 +137,7 @@ class Access:
 
     def _check_users(self, known: tuple[str, ...], robots: tuple[str, ...]) -> None:
         if missing := [robot for robot in robots if robot not in known]:
-            raise AccessError(
+            raise Refusal(
                 f"{self.users}: no password for robot {', '.join(missing)}; a line name:password is expected "
                 "for every robot of the scenario"
             )

@@ -1,4 +1,4 @@
-"""The world's side of the bus."""
+"""The world's side of the bus: its session, what it declares there and what it publishes."""
 
 import threading
 from collections.abc import Mapping
@@ -6,11 +6,31 @@ from functools import partial
 
 import zenoh
 
+from chassis.refusal import ExitStatus, Refusal
 from protocol.codec import encode
 from protocol.keys import BENCH_NAME, Keys
 from protocol.messages import Observation, PublicScene, Truth
-from protocol.session import LATEST_WINS, NEVER_DROP
+from protocol.session import LATEST_WINS, NEVER_DROP, SessionSettings, reason_of
 from world.inbox import Inbox
+
+FAREWELL_S = 10.0
+"""How long a reader of the truth may take to see the verdict and leave; seconds, on a very busy machine."""
+
+
+def open_session(listen: str, settings: SessionSettings) -> zenoh.Session:
+    """The session at which robots connect.
+
+    Raises:
+        Refusal: it cannot be opened.
+    """
+    try:
+        return zenoh.open(settings.to_zenoh())
+    except zenoh.ZError as error:
+        raise Refusal(
+            f"the endpoint {listen} cannot be opened: {reason_of(error)}. If another world listens there, "
+            "end it or choose another endpoint with --listen, such as tcp/127.0.0.1:7448.",
+            ExitStatus.FAILED,
+        ) from error
 
 
 class Bus:
@@ -87,7 +107,7 @@ class Bus:
         """Give the bench the truth."""
         self._truth.put(encode(truth))
 
-    def wait_for_readers(self, timeout_s: float) -> None:
+    def wait_for_readers(self, timeout_s: float = FAREWELL_S) -> None:
         """Return when nobody reads truths any more: closing the session would cut off a reader that lags.
 
         Args:

@@ -2,10 +2,18 @@
 
 import time
 from collections.abc import Callable
+from enum import StrEnum
 from typing import Protocol
 
 LATENESS = 0.1
 """Part of Δt by which a real-time step may be late without moving the schedule."""
+
+
+class ClockKind(StrEnum):
+    """The choice of a clock."""
+
+    LOCKSTEP = "lockstep"
+    REALTIME = "realtime"
 
 
 class Clock(Protocol):

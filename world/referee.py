@@ -9,7 +9,7 @@ from protocol.arrival import has_arrived
 from protocol.messages import Verdict
 from protocol.scenario import Scenario
 from protocol.scene import Scene
-from world.physics import VehicleState
+from world.vehicle import VehicleState
 
 DEADLOCK_WINDOW_S = 5.0
 DEADLOCK_DISTANCE_M = 0.05

@@ -7,21 +7,17 @@ from typing import Protocol
 from structlog.typing import FilteringBoundLogger
 
 from chassis.health import BEAT_S
+from chassis.refusal import ExitStatus, Refusal
 from protocol.keys import BENCH_NAME
 from protocol.messages import Command, Observation, Refusals, Truth
 from world.access import Versions
 from world.clock import Clock
 from world.health import WorldHealth
 from world.inbox import Arrivals, Inbox
-from world.judge import Answered, Heed, Judge
-from world.notices import Misses
+from world.judge import Answered, Heed, Judge, Misses
 
 RETURN_S = 5.0
 """How long lock-step stands still for the first of them to come back when all have been lost."""
-
-
-class RobotsMissingError(Exception):
-    """Robots did not come in time; the text names them."""
 
 
 class Steps(Answered, Protocol):
@@ -113,7 +109,7 @@ class Run:
             readers: who else must be present; in lock-step, steps wait for them to come back, too.
 
         Raises:
-            RobotsMissingError: not all of them were present after the time limit.
+            Refusal: not all of them were present after the time limit.
         """
         self._readers = readers
         awaited = (*self._world.robots, *readers)
@@ -129,10 +125,11 @@ class Run:
                 told = (missing, strangers)
             remaining_s = until_s - time.monotonic()
             if remaining_s <= 0.0:
-                raise RobotsMissingError(
+                raise Refusal(
                     f"not all robots came within {timeout_s:g} s; missing: {missing}. Step 0 was not "
                     f"published.{self._versions.account(absent)} Start the missing robots with the same run "
-                    "name and the endpoint of this world, or allow more time with --start-timeout."
+                    "name and the endpoint of this world, or allow more time with --start-timeout.",
+                    ExitStatus.FAILED,
                 )
             arrivals = self._take(remaining_s)
         self._present = arrivals.present

@@ -9,7 +9,7 @@ import numpy as np
 
 from protocol.messages import Accuracy, State
 from protocol.scenario import Sensing
-from world.physics import VehicleState
+from world.vehicle import VehicleState
 
 
 class View(NamedTuple):

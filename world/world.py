@@ -5,10 +5,9 @@ from collections.abc import Mapping
 from protocol.messages import Command, Observation, Refusal, Refusals, State, TrueRobot, Truth
 from protocol.scenario import Scenario
 from world.judge import refusal_at
-from world.physics import VehicleState
 from world.referee import Referee
 from world.sensing import Sensors, View
-from world.vehicle import Vehicle
+from world.vehicle import Vehicle, VehicleState
 
 
 class World:

@@ -9,8 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from fleet.audit.difference import Difference, Part
 from fleet.audit.recorded import RecordedRun
-from fleet.audit.robot_replay import RobotReplay
-from fleet.audit.world_replay import Tally, WorldReplay, replay_world
+from fleet.audit.replay import RobotReplay, Tally, WorldReplay, replay_world
 from fleet.run.experiment import RunFacts
 from protocol.messages import Verdict
 

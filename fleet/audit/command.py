@@ -1,11 +1,33 @@
-"""``unspoken audit`` and ``unspoken replay``: the command lines."""
+"""``unspoken audit`` and ``unspoken replay``: a recorded run repeated, and what came of it shown."""
 
+import time
+from bdb import BdbQuit
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich import box
+from rich.console import Console
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
 
-from fleet.record.report_file import JsonOption
+from agent.agent import Agent
+from agent.process.warm import warm_up
+from chassis.refusal import ExitStatus, Refusal
+from fleet.audit.audit import Audit, Report, first_ones
+from fleet.audit.difference import Difference
+from fleet.audit.recorded import RecordedRun, open_run
+from fleet.audit.replay import RobotReplay, Tally, Turn
+from fleet.interruption import Interruption
+from fleet.record.report_file import TO_STDOUT, JsonOption, write_report
+from fleet.run.experiment import VIRTUAL, RunFacts
+from fleet.run.progress import announced, compile_solver
+from protocol.messages import Observation
+
+STEPS_HEADER = "  step   time s  turn rate rad/s  acceleration m/s²  as recorded  decided in ms"
 
 RunArgument = Annotated[
     Path,
@@ -25,9 +47,24 @@ def audit(run: RunArgument, json: JsonOption = None) -> None:
     Exit status: 0 everything follows; 1 something does not, or interrupted; 2 wrong usage, or not a
     recording; 3 the run cannot be repeated on this machine, or the report cannot be written.
     """
-    from fleet.audit.conducting import conduct_audit
-
-    raise typer.Exit(conduct_audit(run, json))
+    console = Console(stderr=json == TO_STDOUT, highlight=False)
+    with Interruption() as interruption:
+        audited = Audit(open_run(run))
+        if json not in (None, TO_STDOUT):  # told now and not after minutes
+            write_report(audited.report().to_json(), json, ExitStatus.WRONG_USAGE)
+        with _RepeatingProgress(interruption) as progress, _possible_here():
+            try:
+                compile_solver(interruption)
+                audited.go(progress.watch)
+            except KeyboardInterrupt:
+                pass  # the report says so
+        report = audited.report()
+        console.print(robot_table(report))
+        _say(console, conclusion(report))
+        if json is not None:
+            write_report(report.to_json(), json)
+    if report.result != "follows":
+        raise typer.Exit(ExitStatus.UNMET)
 
 
 def replay(
@@ -46,6 +83,185 @@ def replay(
     Exit status: 0 all are the same, bit for bit; 1 they are not, or interrupted; 2 wrong usage, no such robot
     or step, or not a recording; 3 the run cannot be repeated on this machine.
     """
-    from fleet.audit.conducting import conduct_replay
+    console = Console(highlight=False)
+    with Interruption() as interruption:
+        recorded = open_run(run)
+        repeated = _robot_replay(recorded, run, robot, debug_at)
+        scene_difference = recorded.scene_difference()
+        differences = [] if scene_difference is None else [scene_difference]
+        done = 0
+        shown = not steps and debug_at is None
+        if scene_difference is None:  # else nothing can be repeated
+            try:
+                with _RepeatingProgress(interruption, shown=shown) as progress, _possible_here():
+                    compile_solver(interruption)
+                    warm_up(recorded.facts.goals, recorded.facts.solver)
+                    if steps:
+                        _say(console, STEPS_HEADER)
+                    for done, turn in enumerate(repeated.turns(_debugger(debug_at)), 1):
+                        differences += turn.differences
+                        if steps:
+                            _say(console, step_line(turn, recorded.scenario.step_s))
+                        progress.watch(robot, done, len(repeated.minds))
+            except (KeyboardInterrupt, BdbQuit):
+                _say(console, f"Interrupted: {done} of {len(repeated.minds)} decisions have been repeated.")
+                raise typer.Exit(ExitStatus.UNMET) from None
+            differences += repeated.surplus
+    if differences:
+        _say(console, first_of(first_ones(differences), recorded.facts, version("unspoken")))
+        raise typer.Exit(ExitStatus.UNMET)
+    _say(console, f"All {done} decisions of robot {robot} follow, bit for bit, from what it was given.")
 
-    raise typer.Exit(conduct_replay(run, robot, steps=steps, debug_at=debug_at))
+
+def _robot_replay(recorded: RecordedRun, path: Path, robot: str, debug_at: int | None) -> RobotReplay:
+    if robot not in recorded.robots:
+        raise Refusal(f"{path}: this run has no robot {robot!r}; its robots are {', '.join(recorded.robots)}")
+    repeated = RobotReplay(recorded, robot, time.perf_counter)
+    decided = sorted({mind.step for mind in repeated.minds})
+    if debug_at is not None and debug_at not in decided:
+        there_are = (
+            f"it made them from step {decided[0]} to {decided[-1]}" if decided else "it made none at all"
+        )
+        raise Refusal(f"robot {robot} made no decision at step {debug_at} of this run; {there_are}")
+    return repeated
+
+
+def _debugger(step: int | None) -> Callable[[Agent, Observation], None]:
+    """Stops before the decision of this step."""
+
+    def before(agent: Agent, observation: Observation) -> None:
+        if observation.step == step:
+            breakpoint()  # `agent` decides on `observation` as soon as this function is left
+
+    return before
+
+
+@contextmanager
+def _possible_here() -> Iterator[None]:
+    """Refuse with a reason where a recording is sound, but cannot be repeated on this machine."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise Refusal(f"this run cannot be repeated here: {error}", ExitStatus.FAILED) from None
+
+
+class _RepeatingProgress(Progress):
+    """The line that shows how repeating gets on, and the place where it can be interrupted."""
+
+    def __init__(self, interruption: Interruption, *, shown: bool = True) -> None:
+        columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+        errors = Console(stderr=True, highlight=False)
+        super().__init__(*columns, console=errors, transient=True, disable=not shown)
+        self._interruption = interruption
+        self._line = self.add_task(announced("reading the recording"), total=None)
+
+    def watch(self, robot: str, done: int, total: int) -> None:
+        """Some decisions of a robot have been repeated."""
+        if self._interruption.requested:
+            raise KeyboardInterrupt
+        self.update(self._line, description=f"robot {robot}: {done} of {total} decisions")
+
+
+def _say(console: Console, text: str) -> None:
+    """Long lines hold paths and values, which are not to be broken."""
+    console.print(text, markup=False, soft_wrap=True)
+
+
+def robot_table(report: Report) -> Table:
+    """One row a robot; fits into 80 columns."""
+    table = Table("Robot", box=box.SIMPLE_HEAD)
+    table.columns[0].overflow = "fold"
+    for header in (
+        "Observations",
+        "From the\nworld's sensors",
+        "Decisions",
+        "Minds\nidentical",
+        "Commands\nidentical",
+    ):
+        table.add_column(header, justify="right")
+    for robot in report.robots:
+        table.add_row(
+            robot.id,
+            str(robot.observations.recorded),
+            _how_many(robot.observations),
+            str(robot.minds.recorded),
+            _how_many(robot.minds),
+            _how_many(robot.commands),
+        )
+    return table
+
+
+def _how_many(tally: Tally) -> str:
+    if tally.identical == tally.recorded:
+        return "yes"
+    return f"[red]no, {tally.identical} of {tally.recorded}[/]"
+
+
+def conclusion(report: Report) -> str:
+    """What the audit shows, in a few sentences of plain text."""
+    facts = report.facts
+    if report.result == "interrupted":
+        return "Interrupted: what is shown above has been repeated, the rest has not."
+    if report.result == "differs":
+        return first_of(report.differences, facts, report.repeated_with)
+    decisions = sum(robot.minds.recorded for robot in report.robots)
+    sentences = [
+        f"Everything follows, bit for bit: all {decisions} decisions from each robot's own observations and "
+        "the scene alone, and all observations from what the robots drove.",
+        "The scene holds all goals, as it should in a run with exchanged goals."
+        if report.goals_told
+        else "The scene holds no goals.",
+    ]
+    if facts.clock != VIRTUAL:  # otherwise there was no bus
+        sentences.append(
+            "The router delivered nothing else: the policy was in force."
+            if facts.policy
+            else "No policy was in force: what else may have reached the robots is not shown."
+        )
+    if report.verdict is None:
+        sentences.append(
+            f"The recording ends without a verdict: what came after step {report.last_step} is not shown."
+        )
+    return " ".join(sentences)
+
+
+def first_of(differences: Sequence[Difference], facts: RunFacts, repeated_with: str) -> str:
+    """The first difference, how many more there are, and what may be the reason.
+
+    Args:
+        differences: at least one.
+        facts: of the recording.
+        repeated_with: the version of the software that repeated it.
+    """
+    first, *others = differences
+    text = f"Something does not follow. {first}"
+    if others:
+        whose = "the world" if others[0].robot is None else f"robot {others[0].robot}"
+        text += f". After it others differ too, such as {others[0].part}s of {whose}"
+    if facts.version != repeated_with:
+        text += (
+            f". The run was recorded with version {facts.version} of the software and repeated with "
+            f"{repeated_with}, which may decide otherwise: repeat it with the version that recorded it"
+        )
+    return f"{text}."
+
+
+def step_line(turn: Turn, step_s: float) -> str:
+    """One decision under ``STEPS_HEADER``.
+
+    Args:
+        turn: the decision.
+        step_s: Δt in s.
+    """
+    step = turn.recorded.step
+    when = f"{step:6d} {step * step_s:8.2f}"
+    if turn.repeated is None:
+        return f"{when}  {turn.differences[0].repeated}"
+    command, mind = turn.repeated.command, turn.repeated.mind
+    unlike = " and ".join(difference.part for difference in turn.differences)
+    remarks = ["late: withdrawn"] if turn.command is None else []
+    remarks += [f"not solved: {', '.join(mind.failed)}"] if mind.failed else []
+    return (
+        f"{when}  {command.turn_rate_radps:+15.6f}  {command.acceleration_mps2:+17.6f}  "
+        f"{f'no: {unlike}' if unlike else 'yes':>11}  {mind.timings_ms.decide:13.1f}  {'; '.join(remarks)}"
+    ).rstrip()

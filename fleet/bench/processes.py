@@ -29,8 +29,8 @@ from protocol.keys import Keys
 from protocol.messages import PublicScene, Truth
 from protocol.session import world_session
 from world.bus import Bus
+from world.clock import ClockKind
 from world.inbox import Inbox
-from world.process import ClockKind
 
 LOOK_STEPS = 10
 """The agents' memory is looked at every so many steps."""

@@ -24,7 +24,7 @@ from fleet.run.experiment import VIRTUAL, Experiment, prepare
 from fleet.run.live import run_processes
 from fleet.run.progress import RunProgress, announced
 from fleet.run.supervisor import Restart
-from world.process import ClockKind
+from world.clock import ClockKind
 
 Stream = Callable[[Path, Interruption], Iterator[StreamItem]]
 """Makes a run's messages, given the directory for logs and the wish to end."""

@@ -11,7 +11,7 @@ from chassis.files import Record
 from protocol.keys import Name
 from protocol.scenario import Scenario, load_scenario, scenario_text, with_faults
 from scenarios import find
-from world.process import ClockKind
+from world.clock import ClockKind
 
 SHARING: GoalsName = "exchanged"
 """The one choice of ``--goals`` for which the world tells the goals."""

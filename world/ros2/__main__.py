@@ -1,15 +1,28 @@
-"""``python -m world.ros2``: the command line of the bridge to ROS 2."""
+"""``python -m world.ros2``: the process of the bridge to ROS 2 and its command line."""
 
+import secrets
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Annotated
 
+import structlog
 import typer
+import zenoh
+from structlog.typing import FilteringBoundLogger
 
-from chassis.process import end_with_parent, log_to_journal
+from chassis.process import end_with_parent, log_to_journal, on_wish_to_end
+from chassis.refusal import ExitStatus, Refusal, said_by
 from chassis.refusal import run as run_command
-from chassis.refusal import said_by
+from chassis.watching import watch_port as open_watch_port
 from chassis.yaml_file import read_as
-from world.access import Access, AccessError
+from protocol.keys import Keys
+from protocol.messages import PublicScene
+from protocol.session import Opening, client_session, reason_of, receive_on_threads
+from world.access import Access, most_sessions
+from world.bus import Bus, open_session
+from world.clock import RealTime
+from world.health import WorldHealth
+from world.inbox import Inbox
 from world.options import (
     InsecureOption,
     KeysOption,
@@ -19,10 +32,10 @@ from world.options import (
     UsersOption,
     WatchPortOption,
 )
-from world.process import EndpointError, ExitStatus
-from world.ros2.process import BridgeOptions, run_bridge
+from world.ros2.live import LiveWorld, OdometryInbox, Ros
 from world.ros2.settings import Ros2Bridge
-from world.run import RobotsMissingError
+from world.ros2.world import OdometryWorld
+from world.run import Run
 
 
 def main(
@@ -51,17 +64,71 @@ def main(
     """
     end_with_parent()
     log_to_journal()
-    settings = read_as(file, Ros2Bridge, "file of a bridge")
-    access = Access(listen, users, keys, insecure)
+    log: FilteringBoundLogger = structlog.get_logger("bridge")
+    bridge = read_as(file, Ros2Bridge, "file of a bridge")
+    bus_keys, epoch = Keys(run), secrets.randbits(63)
+    core = OdometryWorld(bridge, epoch=epoch)
+    inbox, odometry, opening = Inbox(core.robots), OdometryInbox(core.robots), Opening()
+    health = WorldHealth(core.robots)
+
+    def end() -> None:
+        inbox.interrupt()
+        opening.stop()
+
+    on_wish_to_end(end)
+    receive_on_threads(most_sessions(core.robots) + 1)
+    with ExitStack() as stack:
+        stack.enter_context(said_by("bridge"))
+        stack.enter_context(open_watch_port(health, watch_port))
+        access = Access(listen, users, keys, insecure).session(bus_keys, core.robots, log)
+        session = stack.enter_context(open_session(listen, access))
+        stack.enter_context(closing(inbox))
+        ros_session = _open_ros(bridge.connect, opening, log, health)
+        if ros_session is None:
+            return
+        ros = Ros(stack.enter_context(ros_session), bridge, odometry)
+        world = LiveWorld(core, odometry, ros, log)
+        stack.callback(world.stop)
+        scene = PublicScene(epoch=epoch, scene=bridge.scene())
+        bus = Bus(session, bus_keys, scene, core.robots, inbox)
+        log.info(
+            "bridge started",
+            robots=len(core.robots),
+            listen=listen,
+            connect=bridge.connect,
+            run=run,
+            epoch=epoch,
+        )
+        health.up()
+        driven = Run(world, RealTime(bridge.step_s), inbox, bus, log, health, heed=world.heed)
+        driven.wait_for_robots(start_timeout)
+        world.begin()
+        driven.drive()
+        health.ends()
+        world.stop()
+        log.info("robots stopped", refused_odometry=world.refused_odometry)
+        bus.wait_for_readers()
+
+
+def _open_ros(
+    connect: str, opening: Opening, log: FilteringBoundLogger, health: WorldHealth
+) -> zenoh.Session | None:
+    """The session with the side of ROS, as soon as there is one; None if it is not wanted any more."""
+
+    def tell_absence() -> None:
+        log.warning("still waiting: there is no Zenoh router of ROS at this endpoint", connect=connect)
+
+    log.info("waiting for the side of ROS", connect=connect)
+    health.wants(f"it waits for the side of ROS at {connect}")
     try:
-        with said_by("bridge"):
-            run_bridge(BridgeOptions(settings, access, run, start_timeout, watch_port))
-    except AccessError as error:
-        typer.echo(f"bridge: {error}", err=True)
-        raise typer.Exit(ExitStatus.WRONG_USAGE) from None
-    except (EndpointError, RobotsMissingError) as error:
-        typer.echo(f"bridge: {error}", err=True)
-        raise typer.Exit(ExitStatus.FAILED) from None
+        opening.begin(client_session(connect))
+        return opening.wait(health.beat, tell_absence)
+    except zenoh.ZError as error:
+        raise Refusal(
+            f"the endpoint {connect} of the side of ROS cannot be used: {reason_of(error)}; that of its "
+            "router is expected in 'connect', such as tcp/127.0.0.1:7447",
+            ExitStatus.FAILED,
+        ) from error
 
 
 if __name__ == "__main__":

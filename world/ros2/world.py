@@ -17,12 +17,11 @@ from protocol.messages import (
 )
 from protocol.vehicle import Limits
 from world.judge import refusal_at
-from world.physics import VehicleState
 from world.referee import Distances
 from world.ros2.cdr import STOP, Odometry, Twist
-from world.ros2.reading import OdometryError, Reading, Stamps, reading_of
+from world.ros2.odometry import OdometryError, Reading, Stamps, reading_of
 from world.ros2.settings import Ros2Bridge, Ros2Robot
-from world.vehicle import Vehicle
+from world.vehicle import Vehicle, VehicleState
 
 FIRST_STEP = 1
 """Robots take everybody to stand at step 0. Nobody has made sure of that here, so there is none."""

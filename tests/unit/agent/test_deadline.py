@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.solve.deadline import Deadline
-from fleet.audit.robot_replay import RepeatedDeadline
+from fleet.audit.replay import RepeatedDeadline
 
 PAUSES = st.lists(st.lists(st.floats(0.0, 2.0), max_size=8), max_size=5)
 """By decision, the seconds before each question."""

@@ -13,7 +13,7 @@ from agent.remember.memory import LONGEST_GAP
 from agent.remember.perception import REACQUIRED_AFTER, Gate
 from protocol.messages import Accuracy, State
 from protocol.vehicle import STANDSTILL, Input, Limits
-from world.physics import VehicleState, drive
+from world.vehicle import VehicleState, drive
 
 LIMITS = Limits()
 EXACT = Accuracy()

@@ -121,7 +121,7 @@ def test_a_scenario_in_a_recording_that_is_none_is_refused(tmp_path: Path) -> No
 def test_ctrl_c_ends_it_in_order(
     run: Path, command: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fleet.audit.conducting.compile_solver", interrupting)
+    monkeypatch.setattr("fleet.audit.command.compile_solver", interrupting)
     result = unspoken(*command, run)
     assert result.exit_code == 1, result.output
     assert "Interrupted" in result.stdout

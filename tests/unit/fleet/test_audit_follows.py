@@ -23,8 +23,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleet.audit.audit import Audit, Report
+from fleet.audit.command import conclusion
 from fleet.audit.recorded import open_run
-from fleet.audit.showing import conclusion
 from fleet.interruption import Interruption
 from fleet.record.stream import BusMessage
 from fleet.run.virtual import simulate

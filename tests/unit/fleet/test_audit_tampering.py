@@ -9,9 +9,9 @@ import pytest
 from auditing_helpers import MEETING, STEPS, audited, experiment_of, opened, simulated, write
 
 from fleet.audit.audit import Report
+from fleet.audit.command import conclusion
 from fleet.audit.difference import compared
-from fleet.audit.robot_replay import RobotReplay
-from fleet.audit.showing import conclusion
+from fleet.audit.replay import RobotReplay
 from fleet.record.stream import BusMessage
 from fleet.run.experiment import Experiment
 from protocol.keys import Keys

@@ -11,8 +11,8 @@ from fleet.bench.loops import Solved, TimedSolver, circle, cost, drive, passed_a
 from fleet.bench.measuring import Distribution, Duration, Timer, Times
 from protocol.scenario import load_scenario
 from scenarios import find
-from world.physics import VehicleState
-from world.physics import drive as driven_by_the_world
+from world.vehicle import VehicleState
+from world.vehicle import drive as driven_by_the_world
 
 STEPS = 12
 

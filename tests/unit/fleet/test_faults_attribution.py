@@ -10,7 +10,7 @@ from fleet.faults.attribution import AFTERWARDS_S, Avoidable, avoidable_collisio
 from protocol.messages import State, Truth
 from protocol.scene import PublicRobot, Scene
 from protocol.vehicle import STANDSTILL, Input, Limits, braking_input
-from world.physics import VehicleState, drive
+from world.vehicle import VehicleState, drive
 
 STEP_S = 0.1
 SCENE = Scene(step_s=STEP_S, robots=dict.fromkeys("ab", PublicRobot()))

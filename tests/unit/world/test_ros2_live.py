@@ -9,9 +9,8 @@ from world_helpers import EPOCH, NIMBLE, command
 from protocol.codec import encode
 from world.clock import RealTime
 from world.inbox import Inbox
-from world.ros2.bus import MOST_WAITING, OdometryInbox
 from world.ros2.cdr import STOP
-from world.ros2.live import LiveWorld
+from world.ros2.live import MOST_WAITING, LiveWorld, OdometryInbox
 from world.ros2.world import OdometryWorld
 from world.run import Run
 

@@ -10,7 +10,7 @@ from ros2_helpers import diagonal, odometry_bytes, settings
 from protocol.arrival import wrap_angle
 from protocol.messages import Accuracy
 from world.ros2.cdr import decode_odometry
-from world.ros2.reading import OdometryError, reading_of
+from world.ros2.odometry import OdometryError, reading_of
 
 places = st.floats(-1e4, 1e4)
 angles = st.floats(-3.1, 3.1)

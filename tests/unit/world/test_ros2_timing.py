@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from world.ros2.reading import WINDOW_S, Stamps
+from world.ros2.odometry import WINDOW_S, Stamps
 
 SILENCE_S = 0.3
 

@@ -11,11 +11,11 @@ from world_helpers import EPOCH, NIMBLE, command
 
 from protocol.messages import Accuracy, Command
 from protocol.vehicle import Limits
-from world.physics import VehicleState
 from world.ros2.cdr import STOP, Twist, decode_odometry
-from world.ros2.reading import OdometryError, Reading
+from world.ros2.odometry import OdometryError, Reading
 from world.ros2.settings import Ros2Bridge
 from world.ros2.world import FIRST_STEP, OdometryWorld, gone_on
+from world.vehicle import VehicleState
 
 QUICK = {"limits": NIMBLE.model_dump()}
 

@@ -3,12 +3,11 @@
 import pytest
 import structlog
 from structlog.testing import capture_logs
-from world_helpers import lanes
-from world_processes import WorldProcess, write_scenario
 
+from chassis.refusal import Refusal
 from protocol.identity import new_passwords, write_users
 from protocol.keys import BENCH_NAME, Keys
-from world.access import SPARE_SESSIONS, Access, AccessError
+from world.access import SPARE_SESSIONS, Access
 
 KEYS = Keys("run")
 ROBOTS = ("1", "2")
@@ -48,7 +47,7 @@ def test_without_any_proof_a_world_says_that_it_is_open():
 
 def test_a_world_that_others_can_reach_needs_keys_or_to_be_told(users):
     for access in (Access(NETWORK), Access(NETWORK, users)):
-        with pytest.raises(AccessError, match=r"can be reached from other machines.*--keys.*--insecure"):
+        with pytest.raises(Refusal, match=r"can be reached from other machines.*--keys.*--insecure"):
             session(access)
     settings, warnings = session(Access(NETWORK, users, insecure=True))
     assert "access_control" in settings.config
@@ -60,13 +59,13 @@ def test_a_world_that_others_can_reach_needs_keys_or_to_be_told(users):
 def test_a_robot_without_password_is_named(tmp_path):
     path = tmp_path / "users"
     write_users(path, new_passwords(["1"]))
-    with pytest.raises(AccessError, match="no password for robot 2;"):
+    with pytest.raises(Refusal, match="no password for robot 2;"):
         session(Access(HERE, path))
 
 
 def test_passwords_that_others_can_read_are_refused(users):
     users.chmod(0o644)
-    with pytest.raises(AccessError, match="others can read"):
+    with pytest.raises(Refusal, match="others can read"):
         session(Access(HERE, users))
 
 
@@ -79,23 +78,5 @@ def test_keys_and_endpoint_go_together(tmp_path, users):
         (Access("tls/127.0.0.1:7447", keys=tmp_path / "none"), "there is no such folder"),
         (Access("tls/127.0.0.1:7447", users, tmp_path), "--users or --keys is expected"),
     ):
-        with pytest.raises(AccessError, match=told):
+        with pytest.raises(Refusal, match=told):
             session(access)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
-        (("--listen", NETWORK), "say --insecure"),
-        (("--listen", HERE, "--users", "/nowhere/users"), "/nowhere/users: cannot be read"),
-        (("--listen", "tls/0.0.0.0:7447"), "'unspoken keys create'"),
-    ],
-)
-def test_wrong_access_is_wrong_usage_without_a_traceback(tmp_path, arguments, told):
-    path = write_scenario(tmp_path / "scenario.yaml", lanes(2))
-    with WorldProcess("--scenario", path, *arguments) as world:
-        status, complained = world.end()
-    assert status == 2
-    assert complained.startswith("world: ")
-    assert told in complained
-    assert "Traceback" not in complained

@@ -4,8 +4,7 @@ import threading
 
 import pytest
 import zenoh
-from world_helpers import EPOCH, lanes
-from world_processes import KEYS, PATIENCE_S
+from world_helpers import EPOCH, KEYS, PATIENCE_S, lanes
 
 from protocol.codec import decode
 from protocol.messages import Observation, PublicScene

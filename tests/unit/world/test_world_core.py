@@ -8,7 +8,7 @@ from world_helpers import EPOCH, SPRINT_STEPS, at, command, lanes, sprint
 from protocol.codec import encode
 from protocol.scenario import Sensing
 from protocol.vehicle import STANDSTILL, Input, Limits, braking_input
-from world.physics import ROUNDING, drive
+from world.vehicle import ROUNDING, drive
 from world.world import World
 
 BRAKING_MPS2 = -3.0

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from protocol.vehicle import STANDSTILL, Input, Limits
-from world.physics import VehicleState, drive
+from world.vehicle import VehicleState, drive
 
 STEP_S = 0.1
 FREE = Limits(jerk_mps3=1000.0, turn_acceleration_radps2=1000.0)

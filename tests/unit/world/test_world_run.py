@@ -7,12 +7,13 @@ from structlog.testing import capture_logs
 from world_helpers import EPOCH, SPRINT_STEPS, lanes, sprint
 from world_stage import ScriptedBus, ScriptedInbox, Stage
 
+from chassis.refusal import Refusal
 from protocol.version import PROTOCOL_VERSION
 from world.access import MOST_TOLD, Versions
 from world.clock import LockStep
 from world.inbox import COMMANDS_A_STEP
-from world.notices import MISSES_EVERY_S, Misses
-from world.run import RobotsMissingError, Run
+from world.judge import MISSES_EVERY_S, Misses
+from world.run import Run
 from world.world import World
 
 
@@ -282,7 +283,7 @@ def test_the_barrier_tells_a_change_only():
 
 
 def test_the_barrier_names_who_is_missing_when_time_is_over():
-    with pytest.raises(RobotsMissingError, match=r"missing: 1, 3\. Step 0 was not published"):
+    with pytest.raises(Refusal, match=r"missing: 1, 3\. Step 0 was not published"):
         barrier(present=("2", "9"))
 
 
@@ -297,7 +298,7 @@ OLDER = "robot 3 speaks version 0 of the protocol, the world version 1; update t
 
 def test_a_missing_robot_that_speaks_another_version_is_told_of_with_both_versions():
     script = (asks("1", 9), asks("3", 0), asks("2"), comes("2"))
-    with pytest.raises(RobotsMissingError) as missing:
+    with pytest.raises(Refusal) as missing:
         barrier(script=script, timeout_s=0.05)
     assert f"missing: 1, 3. Step 0 was not published. R{NEWER[1:]}. R{OLDER[1:]}. Start" in str(missing.value)
 
@@ -312,14 +313,14 @@ def test_a_robot_that_speaks_another_version_is_logged_once_also_during_the_run(
 
 
 def test_a_robot_that_comes_back_in_the_right_version_is_no_longer_told_of():
-    with pytest.raises(RobotsMissingError) as missing:
+    with pytest.raises(Refusal) as missing:
         barrier(script=(asks("1", 9), asks("1")), timeout_s=0.05)
     assert "version" not in str(missing.value)
 
 
 def test_a_robot_that_does_not_say_its_version_is_told_of():
     script = [lambda inbox: lambda: inbox.store_question("1", b"")]
-    with pytest.raises(RobotsMissingError, match="Robot 1 does not say which version"):
+    with pytest.raises(Refusal, match="Robot 1 does not say which version"):
         barrier(script=script, timeout_s=0.05)
 
 

@@ -5,9 +5,9 @@ from collections import deque
 from typing import Literal, NamedTuple
 
 from protocol.messages import Accuracy
-from world.physics import VehicleState
 from world.ros2.cdr import Odometry
 from world.ros2.settings import Ros2Robot
+from world.vehicle import VehicleState
 
 WINDOW_S = 10.0
 """For so long the quickest message counts: in this time clocks do not drift apart by a millisecond."""

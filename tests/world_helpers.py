@@ -2,12 +2,16 @@
 
 from typing import Any
 
+from protocol.keys import Keys
 from protocol.messages import Command
 from protocol.scenario import Pose, Scenario, ScenarioRobot, Sensing
 from protocol.vehicle import Limits
-from world.physics import VehicleState
+from world.vehicle import VehicleState
 
 EPOCH = 7
+KEYS = Keys("run")
+PATIENCE_S = 60.0
+"""How long a test waits for what should come; only reached when it fails."""
 SPRINT_STEPS = 20
 """Steps in which `sprint` covers one metre, from standstill to standstill."""
 NIMBLE = Limits(jerk_mps3=100.0, turn_acceleration_radps2=100.0)

@@ -6,16 +6,11 @@ import threading
 
 import yaml
 import zenoh
-from world_helpers import command, sprint
+from world_helpers import KEYS, PATIENCE_S, command, sprint
 
 from protocol.codec import decode, encode
-from protocol.keys import Keys
 from protocol.messages import Observation, Truth
 from protocol.session import client_session
-
-PATIENCE_S = 60.0
-"""How long a test waits for what should come; only reached when it fails."""
-KEYS = Keys("run")
 
 
 def connect(endpoint):

@@ -6,8 +6,8 @@ import socket
 import threading
 
 import pytest
-from world_helpers import SPRINT_STEPS, command, lanes, sprint
-from world_processes import KEYS, PATIENCE_S, Robot, TruthRecorder, WorldProcess, connect, write_scenario
+from world_helpers import KEYS, PATIENCE_S, SPRINT_STEPS, command, lanes, sprint
+from world_processes import Robot, TruthRecorder, WorldProcess, connect, write_scenario
 
 from protocol.codec import decode, encode
 from protocol.messages import PublicScene
@@ -222,3 +222,20 @@ def test_every_option_can_come_from_the_environment(tmp_path, endpoint):
     assert "0.25 s" in told_error
     for text in ("run=evening", "clock=realtime", "seed=5", "exchange_goals=True", f"listen={endpoint}"):
         assert text in world.log
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--listen", "tcp/0.0.0.0:7447"), "say --insecure"),
+        (("--listen", "tcp/127.0.0.1:7447", "--users", "/nowhere/users"), "/nowhere/users: cannot be read"),
+        (("--listen", "tls/0.0.0.0:7447"), "'unspoken keys create'"),
+    ],
+)
+def test_wrong_access_is_wrong_usage_without_a_traceback(tmp_path, arguments, told):
+    path = write_scenario(tmp_path / "scenario.yaml", lanes(2))
+    with WorldProcess("--scenario", path, *arguments) as world:
+        status, complained = world.end()
+    assert status == 2
+    assert told in complained
+    assert "Traceback" not in complained
