@@ -18,7 +18,14 @@ from agent.process.warm import compile_in_background
 HERE = Path(__file__).parent
 WITHOUT_SOLVER = [
     HERE / folder
-    for folder in ("processes/deploy", "processes/silence", "unit/chassis", "unit/protocol", "unit/world")
+    for folder in (
+        "processes/deploy",
+        "processes/silence",
+        "processes/world",
+        "unit/chassis",
+        "unit/protocol",
+        "unit/world",
+    )
 ]
 
 # Started in the background (nohup, a shell's &) the tests come with these ignored, and so would every process
