@@ -77,8 +77,17 @@ class Group(Refusing, TyperGroup):
     """A group of commands that may refuse: ``typer.Typer(cls=Group)``."""
 
 
+LOOK: dict[str, Any] = {"max_content_width": 100}
+"""Of help texts, which are plain text: they wrap at any width, and their lines can be searched."""
+
+
+def app_of(command: Callable[..., None]) -> typer.Typer:
+    """The command line of a function that may refuse."""
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+    app.command(cls=Command, context_settings=LOOK)(command)
+    return app
+
+
 def run(command: Callable[..., None]) -> None:
     """Like ``typer.run``, with a command that may refuse."""
-    app = typer.Typer(add_completion=False)
-    app.command(cls=Command)(command)
-    app()
+    app_of(command)()

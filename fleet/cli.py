@@ -1,55 +1,33 @@
-"""The command line ``unspoken``."""
+"""The command line ``unspoken``: where its commands are, of which each is imported when it is called."""
 
-import typer
+from chassis.commands import lazy_app
+from protocol.version import version_text
 
-import agent.__main__
-import world.__main__
-import world.ros2.__main__
-from agent.cli import VersionOption
-from chassis.refusal import Group
-from fleet.audit.command import audit, replay
-from fleet.bench.command import bench
-from fleet.evaluate.command import evaluate
-from fleet.faults.command import faults
-from fleet.keys.command import app as keys
-from fleet.report.command import report
-from fleet.run.command import run, simulate
-from fleet.scenarios.command import app as scenarios
-from fleet.status.command import status
-
-app = typer.Typer(
-    cls=Group,
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    help="Mobile robots that cross each other's way without communicating.",
+app = lazy_app(
+    "Mobile robots that cross each other's way without communicating.",
+    {
+        "run": ("fleet.run.command:run", "Run a scenario in real processes."),
+        "simulate": ("fleet.run.command:simulate", "Run a scenario in virtual time, in this one process."),
+        "world": ("world.__main__:main", "Simulate and referee one run."),
+        "agent": ("agent.__main__:main", "Be one robot, or check whether this device can be one."),
+        "status": ("fleet.status.command:status", "Show how the world and the robots of a run are, live."),
+        "bridge": ("fleet.cli:bridge", "Let real robots take the place of simulated ones."),
+        "bench": ("fleet.bench.command:bench", "Measure how fast and how good decisions are here."),
+        "scenarios": (
+            "fleet.scenarios.command:app",
+            "List bundled scenarios and suites, or generate some.",
+        ),
+        "keys": ("fleet.keys.command:app", "Make, renew and check the keys of devices."),
+        "evaluate": ("fleet.evaluate.command:evaluate", "Compare methods over a suite of scenarios."),
+        "report": ("fleet.report.command:report", "Make a page of an evaluation, with figures."),
+        "faults": ("fleet.faults.command:faults", "Let things break, and check what has to hold."),
+        "audit": ("fleet.audit.command:audit", "Show that robots decided on their own observations."),
+        "replay": ("fleet.audit.command:replay", "Let a robot of a recorded run decide again."),
+    },
+    version_text,
 )
 
-bridge = typer.Typer(no_args_is_help=True, help="Real robots in place of simulated ones.")
-bridge.command("ros2")(world.ros2.__main__.main)
-
-
-@bridge.callback()
-def _bridges() -> None:
-    """With a single command in it, this keeps the command's name."""
-
-
-app.command("run")(run)
-app.command("simulate")(simulate)
-app.command("world")(world.__main__.main)
-app.command("agent")(agent.__main__.main)
-app.command("status")(status)
-app.add_typer(bridge, name="bridge")
-app.command("bench")(bench)
-app.add_typer(scenarios, name="scenarios")
-app.add_typer(keys, name="keys")
-app.command("evaluate")(evaluate)
-app.command("report")(report)
-app.command("faults")(faults)
-app.command("audit")(audit)
-app.command("replay")(replay)
-
-
-@app.callback()
-def _options(_version: VersionOption = False) -> None:
-    """Options of the command itself."""
+bridge = lazy_app(
+    "Real robots in place of simulated ones.",
+    {"ros2": ("world.ros2.__main__:main", "Drive real robots through ROS 2.")},
+)

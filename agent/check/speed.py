@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.check.findings import Device, Finding
+from agent.check.findings import Finding
+from agent.process.options import RobotOptions
 from agent.process.robot import make_agent
 from agent.process.warm import warm_up
 from agent.solve.vehicle import Array, rollout
@@ -16,6 +17,16 @@ from protocol.messages import Observation, State
 from protocol.scene import Goal, PublicRobot, Scene
 from protocol.vehicle import Input
 
+ITEM = "decision time"
+DECISIONS = 60
+FEWEST = 10
+"""So many are measured even on a very slow options."""
+LONGEST_S = 20.0
+"""After this time no further decision is measured."""
+HELD_UP = 0.2
+"""From this part of the time on, others that run here are worth a word."""
+TIGHT = 0.6
+"""From this part of Δt on little is left for the way to the world and back, and for whatever else runs."""
 SMALLEST_RADIUS_M = 4.0
 ELBOW_ROOM = 1.5
 """Between neighbours on the circle, as a multiple of the distance at which robots are safe."""
@@ -90,18 +101,6 @@ class Crossing:
         return inputs
 
 
-ITEM = "decision time"
-DECISIONS = 60
-FEWEST = 10
-"""So many are measured even on a very slow device."""
-LONGEST_S = 20.0
-"""After this time no further decision is measured."""
-HELD_UP = 0.2
-"""From this part of the time on, others that run here are worth a word."""
-TIGHT = 0.6
-"""From this part of Δt on little is left for the way to the world and back, and for whatever else runs."""
-
-
 class Taken(NamedTuple):
     """Time that decisions have taken."""
 
@@ -116,31 +115,31 @@ class Taken(NamedTuple):
         return max(0.0, 1.0 - self.computed_s / sum(self.durations_s))
 
 
-def check_speed(device: Device, scene: Scene | None) -> Finding:
+def check_speed(options: RobotOptions, scene: Scene | None) -> Finding:
     """Decide in a crossing in memory.
 
     Args:
-        device: its options.
+        options: of the robot.
         scene: of the world that was reached; None for one as the defaults have it.
     """
-    crossed = scene or scene_of(device.robot, device.robots)
-    taken = measure(device, crossed)
+    crossed = scene or scene_of(options.robot, options.robots)
+    taken = measure(options, crossed)
     count = len(crossed.robots)
     robots = f"{count} robot{'' if count == 1 else 's'} {'as in the world' if scene else 'expected'}"
-    return judged(taken, crossed.step_s, robots, device.budget_s)
+    return judged(taken, crossed.step_s, robots, options.budget_s)
 
 
-def measure(device: Device, scene: Scene) -> Taken:
+def measure(options: RobotOptions, scene: Scene) -> Taken:
     """Decide again and again, each time from a pose as it comes in to the command as it goes out.
 
     Args:
-        device: its options; its goal is one across the circle here.
+        options: of the robot; its goal is one across the circle here.
         scene: limits, bodies, horizons and Δt.
     """
-    warm_up(device.goals, device.solver)
-    crossing = Crossing(scene, device.robot, DECISIONS)
+    warm_up(options.goals, options.solver)
+    crossing = Crossing(scene, options.robot, DECISIONS)
     known = scene.model_copy(update={"goals": crossing.goals})
-    agent = make_agent(device.options(None, crossing.goals[device.robot]), known)
+    agent = make_agent(options.model_copy(update={"goal": crossing.goals[options.robot]}), known)
     until_s = time.perf_counter() + LONGEST_S
     taken = Taken([], 0.0)
     begun_s = time.process_time()

@@ -6,18 +6,17 @@ import ssl
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from typing import NamedTuple
 
 import zenoh
 
-from agent.check.findings import Device, Finding
-from agent.process.joining import SceneError, ask_for_scene, refuse_strangers
-from agent.process.robot import make_agent
+from agent.check.findings import Finding
+from agent.process.options import RobotOptions
+from agent.process.robot import agent_in, ask_for_scene, make_agent
+from chassis.refusal import Refusal
 from protocol.codec import MessageError
 from protocol.device_keys import DeviceKeys
 from protocol.identity import Identity
 from protocol.keys import Keys
-from protocol.messages import PublicScene
 from protocol.scene import Scene
 from protocol.session import client_session, reason_of
 from protocol.version import PROTOCOL_VERSION
@@ -26,12 +25,14 @@ LISTENS_S = 3.0
 """In this time a connection has to come about."""
 REFUSED_S = 0.5
 """In this time a world that does not believe a certificate says so; it hangs up on silence after 1 s."""
+SESSION_S = 3.0
+"""In this time a session has to come about."""
+ANSWERS_S = 3.0
+"""In this time the world has to answer."""
+PAUSE_S = 0.1
+"""Between two questions."""
 _SOCKET = "unixsock-stream/"
 _ADDRESS = re.compile(r"^(?:tcp|tls)/(?P<host>\[[^\]]+\]|[^:\[\]]+):(?P<port>\d{1,5})$")
-
-
-class UnreachableError(Exception):
-    """Nobody is reached there; the text says why and what to do."""
 
 
 def look_at(endpoint: str, keys: DeviceKeys | None) -> None:
@@ -44,7 +45,7 @@ def look_at(endpoint: str, keys: DeviceKeys | None) -> None:
         keys: that prove who this is.
 
     Raises:
-        UnreachableError: nobody listens, or one side does not believe the other's certificate.
+        Refusal: nobody listens, or one side does not believe the other's certificate.
     """
     plain = re.split("[?#]", endpoint)[0]
     if plain.startswith(_SOCKET):
@@ -65,21 +66,21 @@ def _connected(address: tuple[str, int] | str, endpoint: str) -> Iterator[socket
     try:
         connection = _connect(address)
     except socket.gaierror:
-        raise UnreachableError(
+        raise Refusal(
             f"{endpoint}: this device knows no host of that name; give the world's address in --connect"
         ) from None
     except (ConnectionRefusedError, FileNotFoundError):
-        raise UnreachableError(
+        raise Refusal(
             f"{endpoint}: nobody listens there; start the world, or give its endpoint in --connect"
         ) from None
     except TimeoutError:
-        raise UnreachableError(
+        raise Refusal(
             f"{endpoint}: no answer within {LISTENS_S:g} s; look at the network, at firewalls, and whether "
             "this is the world's address"
         ) from None
     except (OSError, OverflowError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise UnreachableError(f"{endpoint}: cannot be reached: {reason}; look at the network") from None
+        raise Refusal(f"{endpoint}: cannot be reached: {reason}; look at the network") from None
     with connection:
         yield connection
 
@@ -104,14 +105,14 @@ def _shake_hands(connection: socket.socket, host: str, keys: DeviceKeys, endpoin
             encrypted.settimeout(REFUSED_S)
             _await_refusal(encrypted)
     except ssl.SSLCertVerificationError as error:
-        raise UnreachableError(
+        raise Refusal(
             f"{endpoint}: TLS refused here: the certificate of whoever listens there is not believed: "
             f"{error.verify_message}; it needs one by the same authority that names this host: see 'unspoken "
             "keys create --host'"
         ) from None
     except (OSError, EOFError) as error:  # ssl.SSLError is an OSError
         reason = getattr(error, "reason", None) or getattr(error, "strerror", None) or "it hung up"
-        raise UnreachableError(
+        raise Refusal(
             f"{endpoint}: TLS refused there: {reason}; the world must listen at tls/… with keys by the same "
             "authority as those of this device"
         ) from None
@@ -127,96 +128,73 @@ def _await_refusal(encrypted: ssl.SSLSocket) -> None:
         raise EOFError
 
 
-ITEM = "world"
-SESSION_S = 3.0
-"""In this time a session has to come about."""
-ANSWERS_S = 3.0
-"""In this time the world has to answer."""
-PAUSE_S = 0.1
-"""Between two questions."""
-
-
-class Reached(NamedTuple):
-    """What has come of it."""
-
-    finding: Finding
-    scene: Scene | None = None
-
-
-def check_world(device: Device, identity: Identity, *, proven: bool) -> Reached:
+def check_world(options: RobotOptions, identity: Identity, *, proven: bool) -> tuple[Finding, Scene | None]:
     """Ask the world for its scene, and nothing else: no presence, no interest, no command.
 
     Args:
-        device: its options.
+        options: of the robot.
         identity: that proves who this is.
         proven: whether the credentials can be used; without them only the listener is looked for.
     """
+    item, connect = "world", options.connect
     try:
-        look_at(device.connect, identity if isinstance(identity, DeviceKeys) else None)
+        look_at(connect, identity if isinstance(identity, DeviceKeys) else None)
         if not proven:
-            told = f"somebody listens at {device.connect}; not asked, since the credentials have failed"
-            return Reached(Finding(ITEM, "warning", told))
-        with _session(device, identity) as session:
-            return _judged(device, identity, session)
-    except (UnreachableError, SceneError) as error:
-        return Reached(Finding(ITEM, "failed", str(error)))
+            text = f"somebody listens at {connect}; not asked, since the credentials have failed"
+            return Finding(item, "warning", text), None
+        with _session(options, identity) as session:
+            begin_s = time.perf_counter()
+            scene = _scene(options, session)
+            took_ms = 1000.0 * (time.perf_counter() - begin_s)
+        agent_in(scene, options, make_agent)
+    except Refusal as refusal:
+        return Finding(item, "failed", str(refusal)), None
+    count = len(scene.robots)
+    robots = "1 robot" if count == 1 else f"{count} robots"
+    text = (
+        f"{connect} answers in {took_ms:.0f} ms: run {options.run!r} with {robots}, protocol version "
+        f"{PROTOCOL_VERSION} like here"
+    )
+    return Finding(item, "ok", text), scene
 
 
-def _session(device: Device, identity: Identity) -> zenoh.Session:
-    settings = client_session(device.connect, identity, SESSION_S)
+def _session(options: RobotOptions, identity: Identity) -> zenoh.Session:
     try:
-        config = settings.to_zenoh()
+        config = client_session(options.connect, identity, SESSION_S).to_zenoh()
     except zenoh.ZError as error:
-        raise UnreachableError(
-            f"the endpoint {device.connect} cannot be used: {reason_of(error)}; one such as "
+        raise Refusal(
+            f"the endpoint {options.connect} cannot be used: {reason_of(error)}; one such as "
             "tcp/127.0.0.1:7447 is expected in --connect"
         ) from None
     try:
         return zenoh.open(config)
     except zenoh.ZError:
-        given = (
-            "the password" if device.password_file else "the certificate" if device.keys else "no credentials"
+        proof = (
+            "the password"
+            if options.password_file
+            else "the certificate"
+            if options.keys
+            else "no credentials"
         )
-        raise UnreachableError(
-            f"somebody listens at {device.connect} and does not let robot {device.robot} in with {given}: "
+        raise Refusal(
+            f"somebody listens at {options.connect} and does not let robot {options.robot} in with {proof}: "
             "refused, or that is no world; compare them with what the world was given"
         ) from None
 
 
-def _judged(device: Device, identity: Identity, session: zenoh.Session) -> Reached:
-    begin_s = time.perf_counter()
-    public = _answer(device, session)
-    if public is None:
-        told = (
-            f"{device.connect} lets this robot in and tells it nothing: its run is not {device.run!r}, or it "
-            f"grants nothing to a robot {device.robot!r}; compare --run and --robot with those of the world"
-        )
-        return Reached(Finding(ITEM, "failed", told))
-    took_ms = 1000.0 * (time.perf_counter() - begin_s)
-    scene = public.scene
-    refuse_strangers(device.robot, scene)
-    try:
-        make_agent(device.options(identity), scene)
-    except ValueError as error:
-        raise SceneError(str(error)) from error
-    count = len(scene.robots)
-    robots = "1 robot" if count == 1 else f"{count} robots"
-    told = (
-        f"{device.connect} answers in {took_ms:.0f} ms: run {device.run!r} with {robots}, protocol version "
-        f"{PROTOCOL_VERSION} like here"
-    )
-    return Reached(Finding(ITEM, "ok", told), scene)
-
-
-def _answer(device: Device, session: zenoh.Session) -> PublicScene | None:
+def _scene(options: RobotOptions, session: zenoh.Session) -> Scene:
     """A world that was started just now answers a moment after it can be reached."""
+    connect, run, robot = options.connect, options.run, options.robot
     until_s = time.monotonic() + ANSWERS_S
     while (remaining_s := until_s - time.monotonic()) > 0.0:
         try:
-            public = ask_for_scene(session, Keys(device.run), device.robot, remaining_s)
+            public = ask_for_scene(session, Keys(run), robot, remaining_s)
         except MessageError as error:
-            raise SceneError(f"{device.connect} answers what is no scene: {error}") from error
+            raise Refusal(f"{connect} answers what is no scene: {error}") from error
         if public is not None:
-            return public
+            return public.scene
         time.sleep(PAUSE_S)
-    return None
+    raise Refusal(
+        f"{connect} lets this robot in and tells it nothing: its run is not {run!r}, or it grants nothing to "
+        f"a robot {robot!r}; compare --run and --robot with those of the world"
+    )

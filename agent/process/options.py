@@ -1,38 +1,151 @@
-"""A robot's options in a file, for a device that starts by itself; the command line and environment win."""
+"""A robot's options: for the command line, the environment, the file, the check and the facts of a run."""
 
 import stat
 from pathlib import Path
 from typing import Annotated, Any
 
+import typer
 from pydantic import Field
 
-from agent.estimate import GoalsName
-from agent.solve import SolverName
+from agent.estimate import DEFAULT_GOALS, GoalsName
+from agent.solve import ITERATIONS, SolverName
+from agent.solve.orca import is_available
 from chassis.files import Record
+from chassis.healthy import HELP as WATCH_PORT_HELP
+from chassis.options import optional
 from chassis.refusal import Refusal
 from chassis.yaml_file import read_as
-from protocol.keys import Id, Name
+from protocol.keys import Id, Name, checked_name
 from protocol.scene import MAX_ROBOTS, Goal
 
-Text = Annotated[str, Field(min_length=1, max_length=4096)]
+
+def key_name(value: str) -> str:
+    """A name that can stand in a key.
+
+    Raises:
+        typer.BadParameter: it cannot.
+    """
+    try:
+        return checked_name(value)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
 
 
-class Configuration(Record):
-    """What the file may hold: any of the options, under its name. ``docs/agent.md`` explains each."""
+def parse_goal(value: str | Goal) -> Goal:
+    """A goal pose from ``x,y,heading`` in m, m and rad.
 
-    robot: Id | None = None
-    goal: Goal | None = None
-    connect: Text | None = None
-    password_file: Text | None = None
-    """Like ``keys``: seen from the folder of the file."""
-    keys: Text | None = None
-    run: Name | None = None
-    goals: GoalsName | None = None
-    solver: SolverName | None = None
-    iterations: Annotated[int, Field(ge=1)] | None = None
-    budget_ms: Annotated[float, Field(ge=0)] | None = None
-    watch_port: Annotated[int, Field(ge=0, le=65535)] | None = None
-    robots: Annotated[int, Field(ge=1, le=MAX_ROBOTS)] | None = None
+    Raises:
+        typer.BadParameter: it is not three finite numbers of a plausible size.
+    """
+    if isinstance(value, Goal):  # from the file
+        return value
+    try:
+        x_m, y_m, heading_rad = (float(part) for part in value.split(","))
+        return Goal(x_m=x_m, y_m=y_m, heading_rad=heading_rad)
+    except ValueError:
+        raise typer.BadParameter(
+            f"{value!r} found, x,y,heading is expected: three numbers in metres, metres and radians, "
+            "such as 4,-4,-0.785"
+        ) from None
+
+
+def checked_goals(value: GoalsName) -> GoalsName:
+    """A method that can be used here.
+
+    Raises:
+        typer.BadParameter: its library is not installed.
+    """
+    if value == "orca" and not is_available():
+        raise typer.BadParameter(
+            "orca needs the library pyrvo, which is not installed; in the clone, install it by "
+            "pip install '.[orca]'"
+        )
+    return value
+
+
+def _checked_budget(value: float | None) -> float | None:
+    if value is not None and not 0.0 <= value < float("inf"):  # also refuses NaN
+        raise typer.BadParameter(f"{value} found, a number of milliseconds that is not negative is expected")
+    return value
+
+
+class DecisionOptions(Record):
+    """How robots decide: what the robots of a run have in common."""
+
+    goals: Annotated[GoalsName, typer.Option(metavar="NAME", callback=checked_goals)] = Field(
+        DEFAULT_GOALS,
+        description="How robots learn where the others will go: exchanged goals; an estimator, which is ioc, "
+        "joint-fit, kalman-filter, bilevel or constant-acceleration; or a baseline without goals, which is "
+        "constant-acceleration-alone, constant-velocity or orca.",
+    )
+    solver: SolverName = Field("realtime", description="What solves the trajectory problems.")
+    iterations: Annotated[int, typer.Option(metavar="N")] = Field(
+        ITERATIONS,
+        ge=1,
+        description="Most iterations of the real-time solver for one trajectory problem at one step.",
+    )
+    budget_ms: Annotated[
+        float | None,
+        typer.Option(
+            metavar="MS",
+            callback=_checked_budget,
+            show_default="none, so that decisions do not depend on the clock",
+        ),
+    ] = Field(
+        None,
+        ge=0,
+        description="Milliseconds after which the real-time solver improves a decision no further.",
+    )
+
+    @property
+    def budget_s(self) -> float | None:
+        """The time that a decision may take, in s; None for no limit."""
+        return None if self.budget_ms is None else self.budget_ms / 1000.0
+
+
+class RobotOptions(DecisionOptions):
+    """What a robot's process is told at its start."""
+
+    robot: Annotated[Id, typer.Option(metavar="NAME", callback=key_name)] = Field(
+        description="This robot's id in the scenario."
+    )
+    goal: Annotated[Goal, typer.Option(metavar="X,Y,HEADING", parser=parse_goal)] = Field(
+        description="Its own goal pose in m, m and rad. The environment hides it from process lists."
+    )
+    connect: Annotated[str, typer.Option(metavar="ENDPOINT")] = Field(
+        "tcp/127.0.0.1:7447", min_length=1, max_length=4096, description="Zenoh endpoint of the world."
+    )
+    password_file: Annotated[
+        Path | None, typer.Option(metavar="FILE", show_default="none, for a world that asks for none")
+    ] = Field(None, strict=False, description="File with this robot's password, which only you can read.")
+    keys: Annotated[Path | None, typer.Option(metavar="DIR", show_default="none")] = Field(
+        None,
+        strict=False,
+        description="Folder with this robot's keys, as 'unspoken keys' makes it; for an endpoint tls/….",
+    )
+    run: Annotated[Name, typer.Option(metavar="NAME", callback=key_name)] = Field(
+        "run", description="Name of the run, first part of all its keys."
+    )
+    watch_port: Annotated[int | None, typer.Option(metavar="PORT", show_default="none")] = Field(
+        None, ge=0, le=65535, description=WATCH_PORT_HELP
+    )
+    robots: Annotated[int, typer.Option(metavar="N")] = Field(
+        8,
+        ge=1,
+        le=MAX_ROBOTS,
+        description="With --check: how many robots to reckon with where no world tells.",
+    )
+
+    def as_environment(self) -> dict[str, str]:
+        """The options that are not as by default, by name, as the environment says them."""
+        changed = self.model_dump(mode="json", exclude_defaults=True, exclude={"goal"})
+        return {name: str(value) for name, value in changed.items()} | {
+            "goal": f"{self.goal.x_m!r},{self.goal.y_m!r},{self.goal.heading_rad!r}"
+        }
+
+
+FileOptions = optional(RobotOptions)
+"""What a file may hold: any of the options, under its name. ``docs/agent.md`` explains each."""
 
 
 def options_in(path: Path) -> dict[str, Any]:
@@ -42,21 +155,14 @@ def options_in(path: Path) -> dict[str, Any]:
         Refusal: the file cannot be read or is not valid, with a line for each mistake; or it holds the
             robot's goal, and everybody can read it.
     """
-    file = read_as(path, Configuration, "file of a robot's options")
-    options = file.model_dump(exclude_none=True, exclude={"goal"})
-    if file.goal is not None:
-        _refuse_readers(path)
-        options["goal"] = ",".join(map(repr, (file.goal.x_m, file.goal.y_m, file.goal.heading_rad)))
-    folder = path.absolute().parent
-    return options | {
-        name: str(folder / options[name]) for name in ("password_file", "keys") if name in options
-    }
-
-
-def _refuse_readers(path: Path) -> None:
+    file = read_as(path, FileOptions, "file of a robot's options")
+    options = {name: getattr(file, name) for name in file.model_fields_set}
+    options = {name: value for name, value in options.items() if value is not None}
     mode = stat.S_IMODE(path.stat().st_mode)
-    if mode & stat.S_IROTH:
+    if "goal" in options and mode & stat.S_IROTH:
         raise Refusal(
             f"{path}: everybody on this device can read the robot's goal (mode {mode:04o}), which it tells "
             f"nobody; run: chmod o= {path}"
         )
+    folder = path.absolute().parent
+    return {name: folder / value if isinstance(value, Path) else value for name, value in options.items()}

@@ -2,65 +2,36 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Protocol
 
 import structlog
+import typer
 import zenoh
 
 from agent.agent import Agent, Decision
-from agent.estimate import GoalsName
 from agent.process.health import RobotHealth
 from agent.process.inbox import Inbox, LateDecisions
-from agent.process.joining import SceneError, ask_for_scene, refuse_strangers
+from agent.process.options import RobotOptions
 from agent.process.warm import compile_in_background, warm_up
-from agent.solve import SolverName
 from agent.solve.compiled import forbid_compiling
 from agent.solve.deadline import Deadline
-from protocol.codec import OtherVersionError, encode
-from protocol.identity import Identity, Login
+from chassis.process import end_with_parent, log_to_journal, on_wish_to_end
+from chassis.refusal import ExitStatus, Refusal, said_by
+from chassis.watching import watch_port
+from protocol.codec import MessageError, OtherVersionError, decode, encode
+from protocol.device_keys import DeviceKeys
+from protocol.identity import Identity, Login, client_identity
 from protocol.keys import Keys
-from protocol.messages import Command, Message, Observation
-from protocol.scene import Goal, Scene
-from protocol.session import NEVER_DROP, Opening, client_session
+from protocol.messages import Command, Joining, Message, Observation, PublicScene
+from protocol.scene import Scene
+from protocol.session import NEVER_DROP, Opening, client_session, reason_of
+from protocol.version import PROTOCOL_VERSION, disagreement
 
 SCENE_TIMEOUT_S = 1.0
 """After this time without an answer the scene is asked for again."""
 SCENE_PAUSE_S = 0.1
 """Between two questions: a world can be reached a moment before it answers."""
-
-
-@dataclass(frozen=True)
-class RobotOptions:
-    """What a robot's process is told at its start; see :class:`agent.agent.Agent`."""
-
-    robot: str
-    goal: Goal
-    connect: str
-    identity: Identity
-    run: str
-    goals: GoalsName
-    solver: SolverName
-    iterations: int
-    budget_s: float | None
-
-
-def make_agent(options: RobotOptions, scene: Scene) -> Agent:
-    """The algorithm itself.
-
-    Raises:
-        ValueError: the estimator needs something that the scene does not hold.
-    """
-    return Agent.of(
-        options.robot,
-        options.goal,
-        scene,
-        goals=options.goals,
-        solver=options.solver,
-        clock=time.perf_counter,
-        iterations=options.iterations,
-        deadline=Deadline(time.perf_counter, options.budget_s),
-    )
 
 
 class Decides(Protocol):
@@ -74,26 +45,79 @@ class Decides(Protocol):
 
 
 MakeAgent = Callable[[RobotOptions, Scene], Decides]
+"""Makes the mind of a robot; a ValueError says that its estimator needs what the scene does not hold."""
+
+
+def make_agent(options: RobotOptions, scene: Scene) -> Agent:
+    """The algorithm itself.
+
+    Raises:
+        ValueError: the estimator needs something that the scene does not hold.
+    """
+    clock = time.perf_counter
+    return Agent.of(
+        options.robot,
+        options.goal,
+        scene,
+        goals=options.goals,
+        solver=options.solver,
+        clock=clock,
+        iterations=options.iterations,
+        deadline=Deadline(clock, options.budget_s),
+    )
+
+
+def run_robot(options: RobotOptions, make_agent: MakeAgent = make_agent) -> None:
+    """Be one robot, in this process, until SIGINT or SIGTERM.
+
+    Args:
+        options: of its command line.
+        make_agent: makes its mind.
+
+    Raises:
+        Refusal: it cannot go on; the sentence begins with its name.
+    """
+    end_with_parent()
+    log_to_journal()
+    name = f"robot {options.robot}"
+    with said_by(name):
+        now = datetime.now(UTC)
+        identity = client_identity(options.robot, options.connect, options.password_file, options.keys, now)
+        if isinstance(identity, DeviceKeys) and (warning := identity.warning(now)):
+            typer.echo(f"{name}: {warning}", err=True)
+        health = RobotHealth(options.robot, options.goal)
+        process = RobotProcess(options, identity, make_agent, health)
+        on_wish_to_end(process.stop)
+        try:
+            with watch_port(health, options.watch_port):
+                process.run()
+        except MessageError as error:
+            raise Refusal(str(error), ExitStatus.FAILED) from None
+        except zenoh.ZError as error:
+            raise Refusal(
+                f"the endpoint {options.connect} cannot be used: {reason_of(error)}; the one at which the "
+                "world listens is expected in --connect, such as tcp/127.0.0.1:7447",
+                ExitStatus.FAILED,
+            ) from None
 
 
 class RobotProcess:
     """One robot on the bus, until it is stopped; worlds may come and go meanwhile.
 
     Args:
-        options: what it is told.
-        make_agent: makes the robot's mind from these options and the scene of a world.
-        health: where it reports how it is; None for one that nobody looks at.
+        options: of its command line.
+        identity: proves its name to the world.
+        make_agent: makes its mind from these options and the scene of a world.
+        health: where it reports how it is.
     """
 
     def __init__(
-        self,
-        options: RobotOptions,
-        make_agent: MakeAgent = make_agent,
-        health: RobotHealth | None = None,
+        self, options: RobotOptions, identity: Identity, make_agent: MakeAgent, health: RobotHealth
     ) -> None:
         self._options = options
+        self._identity = identity
         self._make_agent = make_agent
-        self._health = health or RobotHealth(options.robot, options.goal)
+        self._health = health
         self._keys = Keys(options.run)
         self._log = structlog.get_logger("agent").bind(robot=options.robot)
         self._inbox = Inbox(self._log)
@@ -113,9 +137,8 @@ class RobotProcess:
         An answer that comes too late, when a newer observation is there already, is not given.
 
         Raises:
-            SceneError: the world speaks another version of the protocol, does not know this robot, or does
-                not share what its estimator needs.
-            CompilingError: the solver is not compiled and cannot be.
+            Refusal: the world speaks another version of the protocol, does not know this robot, or does not
+                share what its estimator needs; or the solver is not compiled and cannot be.
             zenoh.ZError: Zenoh cannot use the endpoint.
         """
         session = self._connect()
@@ -143,18 +166,18 @@ class RobotProcess:
     def _connect(self) -> zenoh.Session | None:
         """The session, once the world is there and this robot is ready; None if stopped before."""
         self._log.info("waiting for the world", connect=self._options.connect, run=self._options.run)
-        self._opening.begin(client_session(self._options.connect, self._options.identity))
+        self._opening.begin(client_session(self._options.connect, self._identity))
         self._health.wants("it loads the solver, or compiles it")
         self._health.beat()
         self._get_ready()
         self._health.wants(f"it waits for a world at {self._options.connect}")
-        return self._opening.wait(self._health.beat, self._tell_absence)
+        return self._opening.wait(self._health.beat, self._log_absence)
 
-    def _tell_absence(self) -> None:
+    def _log_absence(self) -> None:
         self._log.warning(
             "still waiting: there is no world at this endpoint, or it refuses this robot",
             connect=self._options.connect,
-            proves_itself_by=_proof(self._options.identity),
+            proves_itself_by=_proof(self._identity),
         )
 
     def _get_ready(self) -> None:
@@ -179,7 +202,7 @@ class RobotProcess:
             if public.epoch == epoch:
                 return agent, epoch
             self._log.info("joined", epoch=public.epoch, robots=len(public.scene.robots))
-            mind = self._agent(public.scene)
+            mind = agent_in(public.scene, self._options, self._make_agent)
             self._health.joined(len(public.scene.robots))
             return mind, public.epoch
         return None, None
@@ -193,14 +216,6 @@ class RobotProcess:
         """Asked again and again by what waits, which so gives signs of life."""
         self._health.beat()
         return self._stopped
-
-    def _agent(self, scene: Scene) -> Decides:
-        options = self._options
-        refuse_strangers(options.robot, scene)
-        try:
-            return self._make_agent(options, scene)
-        except ValueError as error:
-            raise SceneError(str(error)) from error
 
     def _answer(self, session: zenoh.Session, agent: Decides, observation: Observation) -> None:
         """Decide and publish.
@@ -235,3 +250,40 @@ def _proof(identity: Identity) -> str:
     if identity is None:
         return "nothing"
     return "password" if isinstance(identity, Login) else f"keys in {identity.folder}"
+
+
+def ask_for_scene(session: zenoh.Session, keys: Keys, robot: str, timeout_s: float) -> PublicScene | None:
+    """The scene of the present world; None if none has answered in time.
+
+    The question tells the world which version of the protocol this robot speaks, and nothing else.
+
+    Raises:
+        Refusal: the world speaks another version.
+        MessageError: the answer is not valid.
+    """
+    for reply in session.get(keys.scene_for(robot), payload=encode(Joining()), timeout=timeout_s):
+        if reply.ok is not None:
+            try:
+                return decode(PublicScene, reply.ok.payload.to_bytes())
+            except OtherVersionError as error:
+                sentence = disagreement(robot, PROTOCOL_VERSION, error.version)
+                raise Refusal(sentence, ExitStatus.FAILED) from None
+    return None
+
+
+def agent_in(scene: Scene, options: RobotOptions, make_agent: MakeAgent) -> Decides:
+    """The mind of a robot in this scene.
+
+    Raises:
+        Refusal: the scene lacks this robot, or what its estimator needs.
+    """
+    if options.robot not in scene.robots:
+        raise Refusal(
+            f"this world has no robot {options.robot!r}; its robots are {', '.join(scene.robots)}. "
+            "Start this robot with one of these ids, or the world with another scenario.",
+            ExitStatus.FAILED,
+        )
+    try:
+        return make_agent(options, scene)
+    except ValueError as error:
+        raise Refusal(str(error), ExitStatus.FAILED) from error

@@ -19,6 +19,7 @@ from agent.remember.perception import REACQUIRED_AFTER
 from agent.solve import SolverName
 from agent.solve.compiled import FOLDER, is_complete, is_writable, mark_complete, places
 from agent.solve.vehicle import rollout
+from chassis.refusal import ExitStatus, Refusal
 from protocol.messages import Accuracy, Observation, State
 from protocol.scene import Goal, Horizons, PublicRobot, Scene
 
@@ -37,10 +38,6 @@ TURN = np.array([[0.1, 0.2]])
 """What they drive, rad/s and m/s²: something from which goals can be inferred."""
 
 
-class CompilingError(Exception):
-    """The kernels cannot be compiled or kept; the text says why and what to do."""
-
-
 def compile_in_background(unwanted: Callable[[], bool]) -> bool:
     """Wait until all kernels are on disk; where they are not, a process of its own compiles them.
 
@@ -53,7 +50,7 @@ def compile_in_background(unwanted: Callable[[], bool]) -> bool:
         Whether they are there; False once they are unwanted.
 
     Raises:
-        CompilingError: they cannot be compiled or kept.
+        Refusal: they cannot be compiled or kept.
     """
     if is_complete():
         return True
@@ -74,7 +71,7 @@ def compile_in_background(unwanted: Callable[[], bool]) -> bool:
                     continue
                 if process.returncode:
                     how = f"compiling the solver ended with exit status {process.returncode}"
-                    raise CompilingError(complaint.strip() or how)
+                    raise Refusal(complaint.strip() or how, ExitStatus.FAILED)
                 return True
             return False
         finally:

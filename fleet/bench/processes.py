@@ -14,6 +14,7 @@ from typing import NamedTuple, Self
 import psutil
 import zenoh
 
+from agent.process.options import DecisionOptions
 from agent.process.warm import warm_up
 from fleet.bench.bus import RUN, await_robots
 from fleet.bench.decisions import BUNDLED
@@ -101,8 +102,7 @@ class RunRow(Row):
             for clock in ClockKind:
                 experiment = prepare(
                     BUNDLED[max(wanted)],
-                    goals="ioc",
-                    solver="realtime",
+                    DecisionOptions(goals="ioc"),
                     clock=clock.value,
                     seed=0,
                     policy=True,

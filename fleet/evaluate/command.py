@@ -7,8 +7,8 @@ from typing import Annotated, Any, get_args
 
 import typer
 
-from agent.__main__ import checked_goals
 from agent.estimate import DEFAULT_GOALS, GoalsName
+from agent.process.options import checked_goals
 from agent.solve import SolverName
 from fleet.evaluate.evaluation import Evaluation
 from fleet.evaluate.noise import GRAMMAR, LevelError, levels_in

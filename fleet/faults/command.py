@@ -5,8 +5,9 @@ from typing import Annotated
 
 import typer
 
-from agent.__main__ import GOALS_HELP, checked_goals
 from agent.estimate import DEFAULT_GOALS, GoalsName
+from agent.process.options import DecisionOptions
+from chassis.options import option
 from fleet.evaluate.command import CORES
 from fleet.faults.cases import BUNDLED, Case, load_cases
 from fleet.faults.trial import Trial
@@ -33,7 +34,7 @@ def faults(
     only: Annotated[
         list[str] | None, typer.Option(metavar="CASE", help="Try this case only; may be given repeatedly.")
     ] = None,
-    goals: Annotated[GoalsName, typer.Option(callback=checked_goals, help=GOALS_HELP)] = DEFAULT_GOALS,
+    goals: Annotated[GoalsName, option(DecisionOptions, "goals")] = DEFAULT_GOALS,
     processes: Annotated[
         bool, typer.Option("--processes", help="In real processes, one trial after the other.")
     ] = False,

@@ -7,13 +7,14 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import agent.__main__
 from agent.agent import Agent, Decision
 from agent.methods import method_of
-from agent.process.robot import Decides, RobotOptions
+from agent.process.options import RobotOptions
+from agent.process.robot import Decides, run_robot
 from agent.solve import joint_solver
 from agent.solve.deadline import Deadline
 from agent.solve.problem import JointSolver
+from chassis.options import with_options
 from chassis.refusal import run
 from fleet.inject.robot_mind import RobotMind
 from fleet.inject.schedule import Scheduled
@@ -76,5 +77,11 @@ def step_clock(offset_s: float) -> None:
     time.time_ns = lambda: _time_ns() + offset_ns
 
 
+@with_options(environment=True)
+def main(options: RobotOptions) -> None:
+    """Be one robot with a mind that has the faults of the run."""
+    run_robot(options, make_faulty)
+
+
 if __name__ == "__main__":
-    run(agent.__main__.command_line_of(make_faulty))
+    run(main)

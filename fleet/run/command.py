@@ -11,9 +11,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-import agent.__main__
-from agent.estimate import DEFAULT_GOALS, GoalsName
-from agent.solve import ITERATIONS, SolverName
+from agent.process.options import DecisionOptions
+from chassis.options import with_options
 from chassis.refusal import ExitStatus, Refusal
 from fleet.interruption import Interruption
 from fleet.record.output import Output
@@ -32,13 +31,7 @@ Stream = Callable[[Path, Interruption], Iterator[StreamItem]]
 ScenarioArgument = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="A scenario file, or the name of a bundled one such as 8a.")
 ]
-GoalsOption = Annotated[
-    GoalsName,
-    typer.Option(callback=agent.__main__.checked_goals, help=agent.__main__.GOALS_HELP),
-]
-SolverOption = Annotated[SolverName, typer.Option(help="What solves the trajectory problems.")]
-IterationsOption = Annotated[int, typer.Option(min=1, help=agent.__main__.ITERATIONS_HELP)]
-SeedOption = Annotated[int, typer.Option(min=0, help="Of sensor noise and dropouts.")]
+SeedOption = Annotated[int, typer.Option(min=0, metavar="N", help="Of sensor noise and dropouts.")]
 FaultsOption = Annotated[
     Path | None,
     typer.Option(
@@ -51,29 +44,21 @@ OutOption = Annotated[
     Path | None,
     typer.Option(
         help="Directory for the output, new or empty.",
+        metavar="DIR",
         show_default="runs/<scenario>-<goals>-<time>",
         file_okay=False,
     ),
 ]
 
 
+@with_options(budget_ms={"show_default": "half of Δt with --clock realtime, otherwise none"})
 def run(
     scenario: ScenarioArgument,
-    goals: GoalsOption = DEFAULT_GOALS,
+    decisions: DecisionOptions,
     clock: Annotated[
         ClockKind,
         typer.Option(help="Wait for every robot at every step, or publish one step every Δt."),
     ] = ClockKind.LOCKSTEP,
-    solver: SolverOption = "realtime",
-    iterations: IterationsOption = ITERATIONS,
-    budget_ms: Annotated[
-        float | None,
-        typer.Option(
-            callback=agent.__main__.checked_budget,
-            help=agent.__main__.BUDGET_HELP,
-            show_default="half of Δt with --clock realtime, otherwise none",
-        ),
-    ] = None,
     seed: SeedOption = 0,
     faults: FaultsOption = None,
     policy: Annotated[
@@ -93,30 +78,19 @@ def run(
     Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage or
     scenario, 3 a process failed.
     """
-    experiment = prepare(
-        scenario,
-        goals=goals,
-        solver=solver,
-        clock=clock.value,
-        seed=seed,
-        iterations=iterations,
-        budget_ms=budget_ms,
-        policy=policy,
-        faults=faults,
-    )
+    experiment = prepare(scenario, decisions, clock=clock.value, seed=seed, policy=policy, faults=faults)
     begin = f"starting the world and {_robots(experiment)}"
     conduct(experiment, out, partial(run_processes, experiment, restart=restart), begin)
 
 
+@with_options(without=["budget_ms"])
 def simulate(
     scenario: ScenarioArgument,
-    goals: GoalsOption = DEFAULT_GOALS,
+    decisions: DecisionOptions,
     clock: Annotated[
         ClockKind,
         typer.Option(help="Taken as for run; in virtual time no command is late, so both drive the same."),
     ] = ClockKind.LOCKSTEP,
-    solver: SolverOption = "realtime",
-    iterations: IterationsOption = ITERATIONS,
     seed: SeedOption = 0,
     faults: FaultsOption = None,
     out: OutOption = None,
@@ -125,15 +99,7 @@ def simulate(
 
     Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage or scenario.
     """
-    experiment = prepare(
-        scenario,
-        goals=goals,
-        solver=solver,
-        clock=VIRTUAL,
-        seed=seed,
-        iterations=iterations,
-        faults=faults,
-    )
+    experiment = prepare(scenario, decisions, clock=VIRTUAL, seed=seed, faults=faults)
     begin = f"preparing {_robots(experiment)}"
     conduct(experiment, out, lambda _, interruption: virtual.simulate(experiment, interruption), begin)
 

@@ -6,8 +6,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from agent.estimate import GoalsName
-from agent.solve import ITERATIONS, SolverName
-from chassis.files import Record
+from agent.process.options import DecisionOptions
 from protocol.keys import Name
 from protocol.scenario import Scenario, load_scenario, scenario_text, with_faults
 from scenarios import find
@@ -21,18 +20,11 @@ VIRTUAL = "virtual"
 """The clock of ``simulate``, as its summary names it."""
 
 
-class RunFacts(Record):
+class RunFacts(DecisionOptions):
     """Which experiment a run is; kept in its summary and in its recording."""
 
     scenario: str
     """The scenario's name."""
-    goals: GoalsName
-    """How the robots come to know goals: ``exchanged`` or the name of an estimator."""
-    solver: SolverName
-    iterations: int = ITERATIONS
-    """Most of the real-time solver for one problem."""
-    budget_ms: float | None = None
-    """After which the real-time solver improves a decision no further; None for no limit."""
     clock: str
     seed: int
     run: Name
@@ -48,11 +40,6 @@ class RunFacts(Record):
     def goals_are_exchanged(self) -> bool:
         """Whether the scene holds the goals."""
         return self.goals == SHARING
-
-    @property
-    def budget_s(self) -> float | None:
-        """The time that a decision may take, in s; None for no limit."""
-        return None if self.budget_ms is None else self.budget_ms / 1000.0
 
 
 @dataclass(frozen=True)
@@ -78,13 +65,10 @@ BUDGET_SHARE = 0.5
 
 def prepare(
     name_or_path: str,
+    decisions: DecisionOptions,
     *,
-    goals: GoalsName,
-    solver: SolverName,
     clock: str,
     seed: int,
-    iterations: int = ITERATIONS,
-    budget_ms: float | None = None,
     policy: bool = False,
     faults: Path | None = None,
 ) -> Experiment:
@@ -92,30 +76,26 @@ def prepare(
 
     Args:
         name_or_path: of the scenario.
-        goals: how robots come to know goals.
-        solver: what solves their problems.
+        decisions: how its robots decide; without a budget they have a share of Δt in real time and no limit
+            otherwise.
         clock: as the summary names it.
         seed: of sensor noise and dropouts.
-        iterations: most of the real-time solver for one problem.
-        budget_ms: for a decision; None for a share of Δt in real time and no limit otherwise.
         policy: whether processes may do only what they are granted.
         faults: a file of faults, which come after those of the scenario.
 
     Raises:
-        Refusal: there is no such scenario, or it is wrong, or the file of faults is.
+        ScenarioError: there is no such scenario, or it is wrong, or the file of faults is.
     """
     path = find(name_or_path).resolve()
     scenario = load_scenario(path)
     if faults is not None:
         scenario = with_faults(scenario, faults)
-    if budget_ms is None and clock == ClockKind.REALTIME:
-        budget_ms = BUDGET_SHARE * 1000.0 * scenario.step_s
+    options = decisions.model_dump()
+    if decisions.budget_ms is None and clock == ClockKind.REALTIME:
+        options["budget_ms"] = BUDGET_SHARE * 1000.0 * scenario.step_s
     facts = RunFacts(
+        **options,
         scenario=scenario.name,
-        goals=goals,
-        solver=solver,
-        iterations=iterations,
-        budget_ms=budget_ms,
         clock=clock,
         seed=seed,
         faults=len(scenario.faults),

@@ -12,8 +12,9 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from agent.process.warm import CompilingError, compile_in_background
+from agent.process.warm import compile_in_background
 from agent.solve.compiled import is_complete
+from chassis.refusal import Refusal
 from fleet.interruption import Interruption
 from fleet.run.processes import ProcessFailedError
 from protocol.messages import Message, Truth
@@ -73,7 +74,7 @@ def compile_solver(interruption: Interruption) -> None:
     """
     try:
         compiled = compile_in_background(unwanted=lambda: interruption.requested)
-    except CompilingError as error:
+    except Refusal as error:
         raise ProcessFailedError(str(error)) from None
     if not compiled:
         raise KeyboardInterrupt

@@ -11,7 +11,7 @@ from typing import Annotated, NoReturn
 import typer
 from rich.console import Console
 
-from agent.__main__ import key_name
+from agent.process.options import key_name
 from fleet.interruption import Interruption
 from fleet.record.address import Address, NoRunError, address_of, is_going_on, only_run
 from fleet.status.listener import UnreachableError, is_listened_at, listening

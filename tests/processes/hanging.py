@@ -7,11 +7,12 @@ import sys
 import threading
 from typing import Any
 
-import agent.__main__
 import chassis.health
 import world.__main__
 from agent.agent import Decision
-from agent.process.robot import Decides, RobotOptions, make_agent
+from agent.process.options import RobotOptions
+from agent.process.robot import Decides, make_agent, run_robot
+from chassis.options import with_options
 from chassis.refusal import run
 from protocol.messages import Observation
 from protocol.scene import Scene
@@ -44,10 +45,14 @@ class HangingWorld(World):
         return super().advance(commands)
 
 
+@with_options(environment=True)
+def robot(options: RobotOptions) -> None:
+    run_robot(options, hanging_agent)
+
+
 if __name__ == "__main__":
     what = sys.argv.pop(1)
     chassis.health.LONGEST_SILENCE_S = 1.0  # so that the test need not wait for ten
     if what == "world":
         world.__main__.World = HangingWorld  # type: ignore[misc]
-    robot = agent.__main__.command_line_of(hanging_agent)
     run(robot if what == "agent" else world.__main__.main)

@@ -8,8 +8,10 @@ from agent_helpers import EPOCH, scene_of, seen
 from structlog.testing import capture_logs
 
 from agent.agent import Decision
+from agent.process.health import RobotHealth
 from agent.process.inbox import Inbox
-from agent.process.robot import RobotOptions, RobotProcess
+from agent.process.options import RobotOptions
+from agent.process.robot import RobotProcess
 from protocol.codec import decode, encode
 from protocol.keys import Keys
 from protocol.messages import Command, Mind, Observation, PublicScene, Timings
@@ -95,20 +97,18 @@ class World:
             pass
 
 
-def options_of(endpoint):
+def robot_of(endpoint, make_agent):
     goal = Goal(x_m=4.0, y_m=0.0, heading_rad=0.0)
-    return RobotOptions(
-        "a", goal, endpoint, None, KEYS.run, goals="ioc", solver="reference", iterations=1, budget_s=None
-    )
+    options = RobotOptions(robot="a", goal=goal, connect=endpoint, run=KEYS.run)
+    return RobotProcess(options, None, make_agent, RobotHealth("a", goal))
 
 
 def test_a_decision_that_a_newer_pose_has_overtaken_is_thought_but_not_commanded(endpoint, monkeypatch):
     with zenoh.open(world_session(endpoint).to_zenoh()) as session, capture_logs() as log:
         world = World(session, monkeypatch)
         slow = Slow(world)
-        monkeypatch.setattr("agent.process.robot.Agent", lambda *_, **__: slow)
         monkeypatch.setattr("agent.process.robot.compile_in_background", lambda **_: False)
-        robot = RobotProcess(options_of(endpoint))
+        robot = robot_of(endpoint, lambda *_: slow)
         runs = threading.Thread(target=robot.run)
         runs.start()
         assert world.present.wait(PATIENCE_S)
@@ -127,7 +127,7 @@ def test_a_pose_of_another_epoch_does_not_make_a_robot_forget(endpoint, monkeypa
     with zenoh.open(world_session(endpoint).to_zenoh()) as session:
         world, made = World(session, monkeypatch), []
         monkeypatch.setattr("agent.process.robot.compile_in_background", lambda **_: False)
-        robot = RobotProcess(options_of(endpoint), lambda *_: made.append(Slow()) or made[-1])
+        robot = robot_of(endpoint, lambda *_: made.append(Slow()) or made[-1])
         runs = threading.Thread(target=robot.run)
         runs.start()
         assert world.present.wait(PATIENCE_S)

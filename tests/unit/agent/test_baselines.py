@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from test_agent_closed_loop import run
 from test_prediction_and_planning import Watched, advance, assert_same_starts
 
-import agent.__main__
 from agent.agent import Agent
 from agent.estimate import ESTIMATORS, GoalsName
 from agent.methods import method_of
+from agent.process import options
 from agent.remember.memory import LONGEST_GAP
 from agent.remember.perception import REACQUIRED_AFTER
 from agent.solve.multistart import cold_starts
@@ -278,7 +278,7 @@ def test_robots_that_appear_and_vanish_are_predicted_while_they_are_there(goals)
 
 
 def test_without_its_library_orca_is_refused_with_what_to_do(monkeypatch):
-    monkeypatch.setattr("agent.__main__.is_available", lambda: False)
-    assert agent.__main__.checked_goals("constant-velocity") == "constant-velocity"
+    monkeypatch.setattr("agent.process.options.is_available", lambda: False)
+    assert options.checked_goals("constant-velocity") == "constant-velocity"
     with pytest.raises(typer.BadParameter, match=r"pyrvo.*not installed.*\.\[orca\]"):
-        agent.__main__.checked_goals("orca")
+        options.checked_goals("orca")

@@ -5,13 +5,11 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
+from agent.check.clocks import check_steady_clock, check_wall_clock, is_synchronised
 from checking_helpers import device
 from typer.testing import CliRunner
 
-from agent.check import command
-from agent.check.clocks import check_steady_clock, check_wall_clock, is_synchronised
 from agent.check.findings import Finding
-from agent.check.kernels import judged as judged_kernels
 from agent.check.speed import FEWEST, Crossing, Taken, judged, measure, scene_of
 from agent.cli import app
 from agent.solve.compiled import processor
@@ -54,16 +52,16 @@ def test_the_real_steady_clock_is_one():
 
 def test_kernels_are_there_or_can_be_made_or_cannot(tmp_path):
     folder, name = tmp_path / "kernels-1", processor()
-    assert judged_kernels(True, folder, name, [tmp_path]).state == "ok"
-    missing = judged_kernels(False, folder, name, [tmp_path])
+    assert check_kernels(True, folder, name, [tmp_path]).state == "ok"
+    missing = check_kernels(False, folder, name, [tmp_path])
     assert missing.state == "failed"
     assert missing.remedy.endswith("-m agent.process.warm")
     assert "is for others" not in missing.found
     (tmp_path / "kernels-2").mkdir()
     (tmp_path / "kernels-2" / "complete").touch()
-    assert f"what lies in {tmp_path} is for others" in judged_kernels(False, folder, name, [tmp_path]).found
+    assert f"what lies in {tmp_path} is for others" in check_kernels(False, folder, name, [tmp_path]).found
     (tmp_path / "file").touch()
-    nowhere = judged_kernels(False, tmp_path / "file" / "kernels-1", name, [])
+    nowhere = check_kernels(False, tmp_path / "file" / "kernels-1", name, [])
     assert "NUMBA_CACHE_DIR" in nowhere.remedy
 
 
@@ -137,7 +135,7 @@ def check(monkeypatch):
 
     def run(states, *arguments):
         items = [Finding(f"item {number}", state, "found", "help") for number, state in enumerate(states)]
-        monkeypatch.setattr(command, "findings", lambda _: iter(items))
+        monkeypatch.setattr(agent.check.device, "findings", lambda *_: iter(items))
         return CliRunner().invoke(app, ["agent", "--robot", "1", "--goal", "4,0,0", "--check", *arguments])
 
     return run

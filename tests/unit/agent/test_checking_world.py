@@ -12,9 +12,8 @@ import zenoh
 from agent_helpers import EPOCH, scene_of
 from checking_helpers import device
 
-from agent.check import world as listener
 from agent.check import world as reach
-from agent.check.credentials import check_credentials
+from agent.check.device import check_credentials
 from fleet.keys.authority import LOCAL_HOSTS, Authority, Device, Host
 from fleet.keys.folders import write_device
 from protocol.identity import write_password, write_users
@@ -36,7 +35,7 @@ def _impatient(monkeypatch):
     """Refusals are silence, which is waited for."""
     monkeypatch.setattr(reach, "SESSION_S", 1.0)
     monkeypatch.setattr(reach, "ANSWERS_S", 1.0)
-    monkeypatch.setattr(listener, "LISTENS_S", 1.0)
+    monkeypatch.setattr(reach, "LISTENS_S", 1.0)
 
 
 @pytest.fixture
@@ -77,19 +76,19 @@ def checked(one):
 
 def test_a_world_that_is_there_tells_its_scene_and_is_not_disturbed(port):
     with world(f"tcp/127.0.0.1:{port}") as inbox:
-        reached = checked(device(f"tcp/127.0.0.1:{port}"))
+        finding, scene = checked(device(f"tcp/127.0.0.1:{port}"))
         arrived = inbox.take(0.5)
-    assert reached.scene == scene_of(ROBOTS)
-    assert reached.finding.state == "ok"
-    assert "run 'run' with 2 robots, protocol version 1 like here" in reached.finding.found
+    assert scene == scene_of(ROBOTS)
+    assert finding.state == "ok"
+    assert "run 'run' with 2 robots, protocol version 1 like here" in finding.found
     assert [robot for robot, _ in arrived.questions] == ["1"]
     assert arrived == ((), frozenset(), frozenset(), frozenset(), arrived.questions, False)
 
 
 def refused(one):
-    reached = checked(one)
-    assert (reached.finding.state, reached.scene) == ("failed", None)
-    return reached.finding.found
+    finding, scene = checked(one)
+    assert (finding.state, scene) == ("failed", None)
+    return finding.found
 
 
 def test_nobody_listens(port, tmp_path):
@@ -126,7 +125,7 @@ def with_passwords(tmp_path, port):
 
 
 def test_a_password_opens_the_world_or_does_not(with_passwords):
-    assert checked(with_passwords("1")).finding.state == "ok"
+    assert checked(with_passwords("1"))[0].state == "ok"
     assert "does not let robot 1 in with the password" in refused(with_passwords("wrong"))
 
 
@@ -136,9 +135,9 @@ def test_under_a_policy_a_robot_or_run_that_it_does_not_name_is_told_nothing(wit
 
 
 def test_a_password_that_cannot_be_read_leaves_the_world_unasked(with_passwords):
-    reached = checked(with_passwords("none"))
-    assert reached.finding.state == "warning"
-    assert "somebody listens" in reached.finding.found
+    finding, _ = checked(with_passwords("none"))
+    assert finding.state == "warning"
+    assert "somebody listens" in finding.found
 
 
 def test_a_robot_or_estimator_that_does_not_fit_the_scene(port):
@@ -163,7 +162,7 @@ def test_keys_open_a_world_of_the_same_authority(port, authority, tmp_path):
         keys_of("1", tmp_path / "other", Authority.new(NOW, 90)),
     )
     with world(endpoint, keys=keys_of(WORLD_NAME, tmp_path, authority)):
-        assert checked(device(endpoint, keys=own)).finding.state == "ok"
+        assert checked(device(endpoint, keys=own))[0].state == "ok"
         assert "TLS refused here" in refused(device(endpoint, keys=foreign))
 
 

@@ -16,7 +16,7 @@ from typing import get_args
 import pytest
 
 from agent.estimate import GoalsName
-from agent.process.warm import CompilingError, compile_in_background, warm_up
+from agent.process.warm import compile_in_background, warm_up
 from agent.solve import compiled
 from agent.solve.compiled import (
     FOLDER,
@@ -28,6 +28,7 @@ from agent.solve.compiled import (
     places,
     sources,
 )
+from chassis.refusal import Refusal
 
 PATIENCE_S = 120.0
 """How long a test waits for what should come; only reached when it fails."""
@@ -43,7 +44,7 @@ COMPANY = (
 import math, time
 from agent.agent import Agent
 from agent.solve.compiled import _kernels, forbid_compiling
-from agent.process.robot.warm import warm_up
+from agent.process.warm import warm_up
 from protocol.messages import Observation, State
 from protocol.scene import Goal, PublicRobot, Scene
 
@@ -109,7 +110,7 @@ def test_one_warm_up_compiles_for_every_choice():
 from typing import get_args
 from agent.solve.compiled import _kernels
 from agent.estimate import GoalsName
-from agent.process.robot.warm import warm_up
+from agent.process.warm import warm_up
 import json
 
 def used():
@@ -147,7 +148,7 @@ def test_a_robot_with_the_real_time_solver_loads_neither_the_reference_solver_no
     run = """
 import json, sys
 import agent.__main__
-from agent.process.robot.warm import warm_up
+from agent.process.warm import warm_up
 warm_up("ioc", "realtime")
 print(json.dumps(sorted({"casadi", "matplotlib", "mcap", "world", "fleet", "scenarios"} & set(sys.modules))))
 """
@@ -229,7 +230,7 @@ def test_whoever_waits_is_told_why_compiling_failed(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "cache"))
     monkeypatch.setattr(compiled, "FOLDER", tmp_path)
-    with pytest.raises(CompilingError, match=r"file/cache cannot be written; set NUMBA_CACHE_DIR"):
+    with pytest.raises(Refusal, match=r"file/cache cannot be written; set NUMBA_CACHE_DIR"):
         compile_in_background(unwanted=lambda: False)
 
 
@@ -243,7 +244,7 @@ import builtins, os, tempfile
 def refuse(*_args, **_kwargs):
     raise OSError({errno.EROFS}, "Read-only file system")
 tempfile.TemporaryFile = os.makedirs = os.mkdir = refuse
-from agent.process.robot.warm import FOLDER, warm_up
+from agent.process.warm import FOLDER, warm_up
 warm_up("ioc", "realtime")
 import json
 print(json.dumps([str(FOLDER.parent), compiled_so_far()]))
@@ -290,7 +291,7 @@ def waits_for_a_lock(process):
 def test_of_several_processes_that_want_it_one_compiles(tmp_path):
     """Both find nothing and reach the lock, which is held until both wait for it."""
     run = f"""
-import agent.process.robot.warm
+import agent.process.warm
 def compile(*_):
     open({str(tmp_path / "compilers")!r}, "a").write("x")
     return 1.0

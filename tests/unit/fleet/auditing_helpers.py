@@ -7,6 +7,7 @@ from typing import Any
 import yaml
 
 from agent.agent import Agent
+from agent.process.options import DecisionOptions
 from agent.solve.deadline import Deadline
 from fleet.audit.audit import Audit, Report
 from fleet.audit.recorded import RecordedRun, open_run
@@ -42,7 +43,7 @@ def experiment_of(
     }
     path = folder / "meeting.yaml"
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
-    return prepare(str(path), goals=goals, solver="realtime", clock="virtual", seed=3, budget_ms=budget_ms)
+    return prepare(str(path), DecisionOptions(goals=goals, budget_ms=budget_ms), clock="virtual", seed=3)
 
 
 def write(path: Path, experiment: Experiment, messages: Iterable[BusMessage]) -> Path:

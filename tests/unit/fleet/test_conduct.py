@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import typer
 
+from agent.process.options import DecisionOptions
 from chassis.refusal import ExitStatus, Refusal
 from fleet.interruption import Interruption
 from fleet.record.recording import read_recording
@@ -22,7 +23,7 @@ from protocol.messages import Mind, Truth
 
 @pytest.fixture
 def experiment() -> Experiment:
-    return prepare("2-crossing", goals="ioc", solver="reference", clock="lockstep", seed=0)
+    return prepare("2-crossing", DecisionOptions(goals="ioc", solver="reference"), clock="lockstep", seed=0)
 
 
 @pytest.fixture

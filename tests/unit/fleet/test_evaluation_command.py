@@ -8,8 +8,8 @@ import pytest
 from distributed import KilledWorker
 from evaluation_helpers import InThisProcess, unspoken_evaluate, use, write_suite
 
-import agent.__main__
 from agent.estimate import DEFAULT_GOALS
+from agent.process import options
 from fleet.evaluate import running
 from fleet.evaluate.evaluation import Run
 from fleet.evaluate.results import read_rows
@@ -167,7 +167,7 @@ def test_by_default_the_estimators_are_compared_and_no_baseline(
 def test_a_baseline_that_cannot_be_used_is_told_before_anything_is_run(
     suite: Path, tmp_path: Path, driven: list[Run], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(agent.__main__, "is_available", lambda: False)
+    monkeypatch.setattr(options, "is_available", lambda: False)
     result = unspoken_evaluate(suite, "--goals", "exchanged,orca", "--out", tmp_path / "out")
     assert result.exit_code == 2
     told = " ".join(result.stderr.replace("│", " ").split())

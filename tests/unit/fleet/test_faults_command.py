@@ -9,6 +9,7 @@ from click.testing import Result
 from faults_helpers import MEETING
 from typer.testing import CliRunner
 
+from agent.process.options import DecisionOptions
 from fleet.cli import app
 from fleet.record.recording import Recording, read_recording
 from fleet.run.experiment import prepare
@@ -120,7 +121,6 @@ def test_a_run_with_faults_is_not_repeated(command: tuple[str, ...]) -> None:
 
 
 def test_an_experiment_knows_its_file_of_faults() -> None:
-    choices = {"goals": "ioc", "solver": "reference", "clock": "virtual", "seed": 0}
-    experiment = prepare("short.yaml", **choices, faults=Path("faults.yaml"))
+    experiment = prepare("short.yaml", DecisionOptions(), clock="virtual", seed=0, faults=Path("faults.yaml"))
     assert experiment.facts.faults == len(experiment.scenario.faults) == 1
     assert parse_scenario(experiment.scenario_text(), experiment.path) == experiment.scenario

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from agent.process.options import DecisionOptions
 from fleet.record.output import Output, OutputError
 from fleet.record.recording import read_recording
 from fleet.record.stream import BusMessage
@@ -16,7 +17,7 @@ from protocol.messages import Truth
 
 @pytest.fixture
 def experiment() -> Experiment:
-    return prepare("2-crossing", goals="ioc", solver="reference", clock="lockstep", seed=0)
+    return prepare("2-crossing", DecisionOptions(goals="ioc", solver="reference"), clock="lockstep", seed=0)
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ import pytest
 import yaml
 
 from agent.agent import Agent
+from agent.process.options import DecisionOptions
 from fleet.interruption import Interruption
 from fleet.record.stream import KINDS, BusMessage
 from fleet.run.experiment import Experiment, prepare
@@ -31,7 +32,7 @@ def experiment(tmp_path: Path) -> Experiment:
         "sensing": {"position_noise_m": 0.02},
     }
     path.write_text(yaml.safe_dump(content))
-    return prepare(str(path), goals="ioc", solver="reference", clock="virtual", seed=0)
+    return prepare(str(path), DecisionOptions(goals="ioc", solver="reference"), clock="virtual", seed=0)
 
 
 def kinds(experiment: Experiment, messages: list[BusMessage]) -> list[str]:
