@@ -5,10 +5,11 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
-from agent.check.clocks import check_steady_clock, check_wall_clock, is_synchronised
 from checking_helpers import device
 from typer.testing import CliRunner
 
+import agent.check.device
+from agent.check.device import check_kernels, check_steady_clock, check_wall_clock, is_synchronised
 from agent.check.findings import Finding
 from agent.check.speed import FEWEST, Crossing, Taken, judged, measure, scene_of
 from agent.cli import app
