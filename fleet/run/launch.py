@@ -1,4 +1,4 @@
-"""What each process of a run is told at its start."""
+"""The settings with which each process of a run is started."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -15,36 +15,42 @@ from protocol.session import SessionSettings, client_session
 
 
 class Logins:
-    """What each process is told at its start to prove who it is.
+    """What each process gets at its start to prove who it is.
 
     Args:
         directory: for the files, which nobody else may look into; it outlives the run.
         robots: their ids.
+        needed: whether anybody has to prove anything; without, there are no files and no settings.
 
     Raises:
         OSError: the files cannot be written.
     """
 
-    def __init__(self, directory: Path, robots: Iterable[str]) -> None:
+    def __init__(self, directory: Path, robots: Iterable[str], *, needed: bool = True) -> None:
         self._directory = directory
-        self._users = directory / "users"
-        passwords = new_passwords([BENCH_NAME, *robots])
-        write_users(self._users, passwords)
-        self.bench = Login(BENCH_NAME, passwords.pop(BENCH_NAME))
-        self.bench_file: Path | None = directory / f"{BENCH_NAME}.password"
-        write_password(self.bench_file, self.bench.password)
-        self._passwords = passwords
-        self._files = {robot: directory / f"{robot}.password" for robot in passwords}
-        for robot, password in passwords.items():
-            write_password(self._files[robot], password)
+        self._passwords = new_passwords([BENCH_NAME, *robots]) if needed else {}
+        if needed:
+            write_users(directory / "users", self._passwords)
+        for name, password in self._passwords.items():
+            write_password(self._file(name), password)
+
+    @property
+    def bench(self) -> Login | None:
+        """That of the bench."""
+        return Login(BENCH_NAME, self._passwords[BENCH_NAME]) if self._passwords else None
+
+    @property
+    def bench_file(self) -> Path | None:
+        """The file with the bench's password."""
+        return self._file(BENCH_NAME) if self._passwords else None
 
     def of_world(self) -> dict[str, str]:
         """Settings of the world's process."""
-        return {"users": str(self._users)}
+        return {"users": str(self._directory / "users")} if self._passwords else {}
 
     def of_robot(self, robot: str) -> dict[str, str]:
         """Settings of a robot's process."""
-        return {"password_file": str(self._files[robot])}
+        return {"password_file": str(self._file(robot))} if self._passwords else {}
 
     def of_relay(self, robot: str) -> dict[str, str]:
         """Settings of a process that stands for a robot at the world, and for the world at the robot.
@@ -52,31 +58,18 @@ class Logins:
         Raises:
             OSError: its file of users cannot be written.
         """
+        if not self._passwords:
+            return {}
         users = self._directory / f"{robot}.users"
         write_users(users, {robot: self._passwords[robot]})
         return {"users": str(users), **self.of_robot(robot)}
 
-
-class NoLogins:
-    """For a run without a policy: nobody proves anything."""
-
-    bench = bench_file = None
-
-    def of_world(self) -> dict[str, str]:
-        """Settings of the world's process."""
-        return {}
-
-    def of_robot(self, _robot: str) -> dict[str, str]:
-        """Settings of a robot's process."""
-        return {}
-
-    def of_relay(self, _robot: str) -> dict[str, str]:
-        """Settings of a process between a robot and the world."""
-        return {}
+    def _file(self, name: str) -> Path:
+        return self._directory / f"{name}.password"
 
 
 class ProcessSettings(NamedTuple):
-    """One process, as :meth:`fleet.run.processes.Processes.start` wants it."""
+    """One process, as :meth:`fleet.run.processes.Processes.start` takes it."""
 
     name: str
     module: str
@@ -105,7 +98,7 @@ class Launch:
         self._endpoint = f"unixsock-stream/{directory}/world.sock"
         self._faults = Faults(experiment, directory)
         robots = [robot.id for robot in experiment.scenario.robots]
-        self._logins = Logins(directory, robots) if experiment.facts.policy else NoLogins()
+        self._logins = Logins(directory, robots, needed=experiment.facts.policy)
 
     def bench(self) -> SessionSettings:
         """The session of the bench."""
@@ -150,7 +143,7 @@ class Launch:
         return ProcessSettings(f"relay-{robot}", "fleet.inject.relay", settings)
 
     def _robot(self, robot: ScenarioRobot, endpoint: str) -> ProcessSettings:
-        """It is told its own goal and no other."""
+        """It gets its own goal and no other."""
         facts, goal = self._experiment.facts, robot.goal_pose()
         budget = {} if facts.budget_ms is None else {"budget_ms": repr(facts.budget_ms)}
         settings = budget | {

@@ -1,15 +1,16 @@
-"""The bench's ear in a run of processes: it takes what they say until the verdict, and looks after them."""
+"""The bench's side of a run in processes: it takes what they say until the verdict, and looks after them."""
 
 import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
 from queue import Empty, SimpleQueue
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import structlog
 import zenoh
 
+from fleet.inject.director import Director
 from fleet.interruption import Interruption
 from fleet.record.stream import KINDS, TOO_MANY, BusMessage, RefusedMind, Restarted, StreamItem
 from fleet.run.processes import Processes, ProcessFailedError
@@ -19,49 +20,18 @@ from protocol.keys import Keys
 from protocol.messages import Command, Message, Mind, PublicScene, Refusal, Truth
 from protocol.session import Opening, SessionSettings, reason_of
 
-
-class Outstanding:
-    """Tells from a run's messages whether commands of the last step are still on their way to the bench.
-
-    A command goes to the world and to the bench at the same time, so the truth that the world makes of it can
-    be faster than the command itself.
-    """
-
-    def __init__(self) -> None:
-        self._answered: dict[str, tuple[int, int]] = {}
-        self._truth: Truth | None = None
-        self._due: dict[str, tuple[int, int]] = {}
-
-    def add(self, message: Message) -> None:
-        """Take a command or a truth; other messages tell nothing more."""
-        if isinstance(message, Command):
-            self._answered[message.robot] = (message.epoch, message.step)
-        elif isinstance(message, Truth):
-            before, self._truth = self._truth, message
-            steps = obeyed(before, message) if before is not None else {}
-            self._due = {robot: (message.epoch, step) for robot, step in steps.items()}
-
-    def on_their_way(self) -> bool:
-        """Whether a command that led to the newest truth has not been taken."""
-        return any(self._answered.get(robot) != due for robot, due in self._due.items())
-
-
-def obeyed(before: Truth, after: Truth) -> dict[str, int]:
-    """By robot, the step whose command led from one truth to the next; without those who missed it."""
-    # The verdict on an interrupted step, or the first truth of a world that was started again.
-    if after.step == before.step or after.epoch != before.epoch:
-        return {}
-    return {
-        robot: before.step
-        for robot, true in after.robots.items()
-        if robot in before.robots and true.deadline_misses == before.robots[robot].deadline_misses
-    }
-
-
 MOST_WAITING_BYTES = 8 * 1024 * 1024
 """Of one robot's messages: hundreds of steps. A robot that says more than the bench takes loses its own."""
 OVERHEAD_BYTES = 512
 """What a message takes beside its payload, so that empty ones count too."""
+LOOK_S = 0.1
+"""How often the bench looks after processes and interruptions while nothing arrives."""
+LATE_S = 1.0
+"""How long a message that the verdict, or the world's end, has overtaken may take."""
+SCENE_TIMEOUT_S = 1.0
+"""For the world's answer."""
+
+log = structlog.get_logger("bench")
 
 
 class Received(NamedTuple):
@@ -79,7 +49,7 @@ class Mailbox:
     """
 
     def __init__(self) -> None:
-        self._letters: SimpleQueue[tuple[str | None, Received]] = SimpleQueue()
+        self._waiting: SimpleQueue[tuple[str | None, Received]] = SimpleQueue()
         self._lock = threading.Lock()
         self._waiting_bytes: Counter[str] = Counter()
         self._lost: Counter[str] = Counter()
@@ -90,15 +60,15 @@ class Mailbox:
         with self._lock:
             return dict(self._lost)
 
-    def put(self, sender: str | None, letter: Received) -> None:
+    def put(self, sender: str | None, received: Received) -> None:
         """A message has come; None: from the world."""
         if sender is not None:
             with self._lock:
                 if self._waiting_bytes[sender] > MOST_WAITING_BYTES:
                     self._lost[sender] += 1
                     return
-                self._waiting_bytes[sender] += _size(letter)
-        self._letters.put((sender, letter))
+                self._waiting_bytes[sender] += len(received.payload) + OVERHEAD_BYTES
+        self._waiting.put((sender, received))
 
     def get(self, timeout_s: float) -> Received:
         """Wait for the next message.
@@ -106,27 +76,23 @@ class Mailbox:
         Raises:
             Empty: none came in time.
         """
-        sender, letter = self._letters.get(timeout=timeout_s)
+        sender, received = self._waiting.get(timeout=timeout_s)
         if sender is not None:
             with self._lock:
-                self._waiting_bytes[sender] -= _size(letter)
-        return letter
+                self._waiting_bytes[sender] -= len(received.payload) + OVERHEAD_BYTES
+        return received
 
     def empty(self) -> bool:
         """Whether nothing waits."""
-        return self._letters.empty()
-
-
-def _size(letter: Received) -> int:
-    return len(letter.payload) + OVERHEAD_BYTES
+        return self._waiting.empty()
 
 
 class Decoder:
-    """Decodes and judges what comes, in its order.
+    """Decodes and checks what comes, in its order.
 
     A robot may put anything on its command and its mind key, as often as it likes; the bench keeps the first
-    valid message of each kind for a step, of the present world, under the robot's own name. Of what is not
-    taken, minds are told; commands are counted by the world, which takes by the same rule.
+    valid message of each kind for a step, of the present world, under the robot's own name. Minds that it
+    does not keep are counted here; commands are counted by the world, which follows the same rule.
 
     Args:
         keys: of the run.
@@ -139,38 +105,37 @@ class Decoder:
         self._step = 0
         self._last: dict[str, int] = {}
 
-    def take(self, letter: Received) -> BusMessage | RefusedMind | None:
+    def take(self, received: Received) -> BusMessage | RefusedMind | None:
         """The message, if it is to be recorded, or a mind that is not.
 
         Raises:
             MessageError: the world itself said something that is not valid.
+            KeyError: there is no such kind of key.
         """
-        kind = KINDS[self._keys.kind_of(letter.key)]
-        if not issubclass(kind, Command | Mind):
-            message = decode(kind, letter.payload)
-            if message.epoch in self._past_epochs:  # it came late: that world is gone
-                return None
-            self._follow(message)
-            return BusMessage(letter.key, message, letter.time_ns)
-        robot = self._keys.robot_of(letter.key)
-        judged = self._judge(kind, robot, letter)
-        if isinstance(judged, Message):
-            return BusMessage(letter.key, judged, letter.time_ns)
-        return RefusedMind(robot, judged) if kind is Mind else None
-
-    def _follow(self, message: Message) -> None:
-        """The world says which epoch and which step it is."""
+        key, payload, time_ns = received
+        kind = KINDS[self._keys.kind_of(key)]
+        if issubclass(kind, Command | Mind):
+            robot = self._keys.robot_of(key)
+            checked = self._checked(kind, robot, received)
+            if isinstance(checked, Message):
+                return BusMessage(key, checked, time_ns)
+            return RefusedMind(robot, checked) if kind is Mind else None
+        message = decode(kind, payload)
+        if message.epoch in self._past_epochs:  # it came late: that world is gone
+            return None
         if isinstance(message, PublicScene | Truth) and message.epoch != self._epoch:
             self._past_epochs.add(self._epoch)
-            self._epoch = message.epoch
-            self._step = 0
+            self._epoch, self._step = message.epoch, 0
             self._last.clear()
         if isinstance(message, Truth):
             self._step = message.step
+        return BusMessage(key, message, time_ns)
 
-    def _judge(self, kind: type[Command | Mind], robot: str, letter: Received) -> Command | Mind | Refusal:
+    def _checked(
+        self, kind: type[Command | Mind], robot: str, received: Received
+    ) -> Command | Mind | Refusal:
         try:
-            message = decode(kind, letter.payload)
+            message = decode(kind, received.payload)
         except MessageError:
             return "not a valid message"
         if message.robot != robot:
@@ -180,47 +145,58 @@ class Decoder:
         # The truth of a step comes after its poses, so a quick answer can be here before it.
         if message.step > self._step + 1:
             return "answers another step"
-        if message.step <= self._last.get(letter.key, -1):
+        if message.step <= self._last.get(received.key, -1):
             return "answers a step again"
-        self._last[letter.key] = message.step
+        self._last[received.key] = message.step
         return message
 
 
-LOOK_S = 0.1
-"""How often the bench looks after processes and interruptions while nothing arrives."""
-
-STRAGGLERS_S = 1.0
-"""How long a message that the verdict, or the world's end, has overtaken may take."""
-
-SCENE_TIMEOUT_S = 1.0
-"""For the world's answer."""
-
-SAID_BY_ROBOTS = ("command", "mind")
-
-log = structlog.get_logger("bench")
+def obeyed(before: Truth, after: Truth) -> dict[str, int]:
+    """By robot, the step whose command led from one truth to the next; without those who missed it."""
+    # The verdict on an interrupted step, or the first truth of a world that was started again.
+    if after.step == before.step or after.epoch != before.epoch:
+        return {}
+    return {
+        robot: before.step
+        for robot, true in after.robots.items()
+        if robot in before.robots and true.deadline_misses == before.robots[robot].deadline_misses
+    }
 
 
-class Directs(Protocol):
-    """Makes processes fail."""
+class Outstanding:
+    """Tells from a run's messages whether commands of the last step are still on their way to the bench.
 
-    def at(self, truth: Truth) -> None:
-        """The world has come to this step."""
+    A command goes to the world and to the bench at the same time, so the truth that the world makes of it can
+    be faster than the command itself.
+    """
 
-    def look(self) -> None:
-        """Do what is due by the wall clock."""
+    def __init__(self) -> None:
+        self._answered: dict[str, tuple[int, int]] = {}
+        self._truth: Truth | None = None
+        self._due: dict[str, tuple[int, int]] = {}
 
-    def world_started_again(self) -> None:
-        """A new epoch begins."""
+    def add(self, message: Message) -> None:
+        """Take a command or a truth; other messages say nothing about it."""
+        if isinstance(message, Command):
+            self._answered[message.robot] = (message.epoch, message.step)
+        elif isinstance(message, Truth):
+            before, self._truth = self._truth, message
+            steps = obeyed(before, message) if before is not None else {}
+            self._due = {robot: (message.epoch, step) for robot, step in steps.items()}
+
+    def on_their_way(self) -> bool:
+        """Whether a command that led to the newest truth has not been taken."""
+        return any(self._answered.get(robot) != due for robot, due in self._due.items())
 
 
 class Subscriber:
-    """The listening side. Callbacks only store; everything else happens where the messages are taken.
+    """Listens to a run. Callbacks only store; everything else happens where the messages are taken.
 
     Args:
         run: its name.
-        processes: the processes.
-        supervisor: says who of them has ended for good.
-        director: makes them fail.
+        processes: of the run.
+        supervisor: says which of them have ended for good.
+        faults: makes them fail.
         interruption: looked at while waiting.
     """
 
@@ -229,25 +205,25 @@ class Subscriber:
         run: str,
         processes: Processes,
         supervisor: Supervisor,
-        director: Directs,
+        faults: Director,
         interruption: Interruption,
     ) -> None:
         self._keys = Keys(run)
-        self._processes = processes
-        self._supervisor = supervisor
-        self._director = director
+        self._processes, self._supervisor, self._faults = processes, supervisor, faults
         self._interruption = interruption
         self._mailbox = Mailbox()
         self._decoder = Decoder(self._keys)
+        self._outstanding = Outstanding()
         self._begun = False
         self._scene_due = True
-        self._told_to_end = False
+        self._world_is_to_end = False
 
     def connect(self, settings: SessionSettings) -> zenoh.Session:
         """The bench's session, once the world listens.
 
         Raises:
             ProcessFailedError: the world ended instead.
+            KeyboardInterrupt: an interruption came before.
         """
 
         def look() -> None:
@@ -279,81 +255,82 @@ class Subscriber:
             yield from self._scene()
 
     def listen(self) -> Iterator[StreamItem]:
-        """Messages up to the truth with the verdict, and those that it has overtaken."""
-        stragglers, truth = Outstanding(), None
+        """Messages up to the truth with the verdict, and those that it has overtaken.
+
+        Raises:
+            ProcessFailedError: the world, or before the first step a robot, has ended for good; or a robot
+                did so later, which is told after the verdict of the others.
+            KeyboardInterrupt: an interruption came, and there will be no verdict.
+        """
+        truth: Truth | None = None
         while truth is None or truth.verdict is None:
             yield from self._look_after_all()
             try:  # what processes said before they ended counts first, and may still be on its way
-                letter = self._mailbox.get(STRAGGLERS_S if WORLD in self._supervisor.lost else LOOK_S)
+                received = self._mailbox.get(LATE_S if WORLD in self._supervisor.lost else LOOK_S)
             except Empty:
                 self._give_up_without_processes()
                 continue
             if self._scene_due:  # whoever speaks can be asked; what it says belongs to that scene
                 yield from self._scene()
-            for item in self._taken(letter):
+            for item in self._taken(received):
                 yield item
-                if isinstance(item, BusMessage):
-                    stragglers.add(item.message)
-                    if isinstance(item.message, Truth):
-                        self._begun = True
-                        _tell_gap(truth, item.message)
-                        truth = item.message
-                        self._director.at(truth)
-        yield from self._take_in(stragglers)
+                if isinstance(item, BusMessage) and isinstance(item.message, Truth):
+                    _warn_of_gap(truth, item.message)
+                    truth, self._begun = item.message, True
+                    self._faults.at(truth)
+        yield from self._overtaken()
         yield from (RefusedMind(robot, TOO_MANY, count) for robot, count in self._mailbox.lost.items())
         self._supervisor.look()
-        failures = [account for name, account in self._supervisor.lost.items() if name != WORLD]
-        if failures:
+        if failures := [account for name, account in self._supervisor.lost.items() if name != WORLD]:
             raise ProcessFailedError("\n".join(failures))
 
     def _look_after_all(self) -> Iterator[StreamItem]:
         """Let interruptions, restarts and faults take their course."""
         self._hand_on_interruption()
         self._supervisor.look()
-        self._director.look()
+        self._faults.look()
         for name in self._processes.take_started_again():
             if name == WORLD:
                 self._begun, self._scene_due = False, True
-                self._director.world_started_again()
+                self._faults.world_started_again()
             yield Restarted(name)
 
     def _scene(self) -> Iterator[StreamItem]:
         """The scene, if the world answers already."""
         for reply in self._session.get(self._keys.scene, timeout=SCENE_TIMEOUT_S):
             if reply.ok is not None:
-                letter = Received(self._keys.scene, reply.ok.payload.to_bytes(), time.time_ns())
-                for item in self._taken(letter):
+                payload = reply.ok.payload.to_bytes()
+                for item in self._taken(Received(self._keys.scene, payload, time.time_ns())):
                     self._scene_due = False
                     yield item
                 return
 
-    def _take_in(self, stragglers: Outstanding) -> Iterator[StreamItem]:
+    def _overtaken(self) -> Iterator[StreamItem]:
         """Messages until the last command is there, or none has come for a while."""
-        while stragglers.on_their_way():
+        while self._outstanding.on_their_way():
             try:
-                letter = self._mailbox.get(STRAGGLERS_S)
+                yield from self._taken(self._mailbox.get(LATE_S))
             except Empty:
                 log.warning("the recording lacks commands of the last step")
                 return
-            for item in self._taken(letter):
-                if isinstance(item, BusMessage):
-                    stragglers.add(item.message)
-                yield item
 
     def _store(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
-        sender = self._keys.robot_of(key) if self._keys.kind_of(key) in SAID_BY_ROBOTS else None
-        self._mailbox.put(sender, Received(key, sample.payload.to_bytes(), time.time_ns()))
+        of_robot = self._keys.kind_of(key) in ("command", "mind")
+        received = Received(key, sample.payload.to_bytes(), time.time_ns())
+        self._mailbox.put(self._keys.robot_of(key) if of_robot else None, received)
 
-    def _taken(self, letter: Received) -> Iterator[BusMessage | RefusedMind]:
-        """What is to be told of a message, if anything is."""
+    def _taken(self, received: Received) -> Iterator[BusMessage | RefusedMind]:
+        """What there is to say of a message, if anything."""
         try:
-            item = self._decoder.take(letter)
+            item = self._decoder.take(received)
         except (MessageError, KeyError) as error:
-            log.warning("not recorded", key=letter.key, reason=str(error))
-        else:
-            if item is not None:
-                yield item
+            log.warning("not recorded", key=received.key, reason=str(error))
+            return
+        if isinstance(item, BusMessage):
+            self._outstanding.add(item.message)
+        if item is not None:
+            yield item
 
     def _give_up_without_processes(self) -> None:
         """End the run where it cannot go on without those who have ended; nothing more waits from them."""
@@ -369,13 +346,13 @@ class Subscriber:
         """The world ends an interrupted run, with its verdict; whoever insists does without one."""
         if self._interruption.insisted:
             raise KeyboardInterrupt
-        if self._interruption.requested and not self._told_to_end:
-            self._told_to_end = True
+        if self._interruption.requested and not self._world_is_to_end:
+            self._world_is_to_end = True
             self._supervisor.give_up_restarting()
             self._processes.ask_to_end(WORLD)
 
 
-def _tell_gap(before: Truth | None, after: Truth) -> None:
+def _warn_of_gap(before: Truth | None, after: Truth) -> None:
     """What the bus has lost is lost for the recording, and not in silence."""
     if before is not None and before.epoch == after.epoch and after.step > before.step + 1:
         log.warning("the recording lacks steps", first=before.step + 1, last=after.step - 1)

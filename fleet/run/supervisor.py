@@ -1,4 +1,4 @@
-"""Who of a run's processes has ended, whether that was to be, and whether it is started again."""
+"""Which of a run's processes have ended, whether that was to be, and whether they are started again."""
 
 import time
 from collections import Counter
@@ -7,8 +7,8 @@ from enum import StrEnum
 
 import structlog
 
+from chassis.refusal import ExitStatus
 from fleet.run.processes import Processes
-from world.process import ExitStatus
 
 WORLD = "world"
 BACK_OFF_S = (0.5, 1.0, 2.0, 4.0, 8.0)
@@ -76,7 +76,7 @@ class Supervisor:
                 self.lost[name] = self._processes.account(name)
 
     def _is_to_return(self, name: str, status: int) -> bool:
-        over = name == WORLD and status in (ExitStatus.ARRIVED, ExitStatus.ENDED_OTHERWISE)
+        over = name == WORLD and status in (ExitStatus.DONE, ExitStatus.UNMET)
         return self._restart is Restart.ON_FAILURE and not over and self._attempts[name] < len(BACK_OFF_S)
 
     def _start_if_due(self, name: str) -> None:

@@ -1,4 +1,4 @@
-"""The bench's ear: what it makes of gaps, and of what comes after the world has gone."""
+"""The bench's side of a run: what it takes of what comes, what it still waits for, and how it ends."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -8,16 +8,132 @@ from typing import Any
 import pytest
 from structlog.testing import capture_logs
 
-from fleet.record.stream import BusMessage
-from fleet.run.listening import Subscriber
+from fleet.record.stream import BusMessage, RefusedMind
+from fleet.run.listening import MOST_WAITING_BYTES, Decoder, Mailbox, Outstanding, Received, Subscriber
 from fleet.run.processes import ProcessFailedError
 from fleet.run.supervisor import WORLD
-from protocol.codec import encode
+from protocol.codec import MessageError, encode
 from protocol.keys import Keys
-from protocol.messages import Truth
+from protocol.messages import Command, Message, Truth
 
 MakeTruth = Callable[..., Truth]
 KEYS = Keys("test")
+EPOCH = 7
+
+
+def received(key: str, message: Message | bytes) -> Received:
+    return Received(key, message if isinstance(message, bytes) else encode(message), 1)
+
+
+def command(robot: str, step: int, epoch: int = EPOCH) -> Command:
+    return Command(epoch=epoch, robot=robot, step=step, turn_rate_radps=0.0, acceleration_mps2=0.0)
+
+
+@pytest.fixture
+def decoder(make_truth: MakeTruth) -> Decoder:
+    """At step 5."""
+    decoder = Decoder(KEYS)
+    decoder.take(received(KEYS.truth, make_truth(5, {"a": {}, "b": {}})))
+    return decoder
+
+
+def test_one_mind_a_step_is_kept_and_what_else_comes_is_counted(decoder: Decoder, make_mind: Any) -> None:
+    good = make_mind("a", 5)
+    for key, message, expected in (
+        ("a", good, None),
+        ("a", good, "answers a step again"),
+        ("a", make_mind("a", 4), "answers a step again"),
+        ("a", make_mind("a", 7), "answers another step"),
+        ("a", make_mind("b", 6), "names another robot"),
+        ("a", make_mind("a", 6).model_copy(update={"epoch": EPOCH + 1}), "answers another epoch"),
+        ("a", b"\xc1", "not a valid message"),
+        ("a", bytes(300_000), "not a valid message"),
+        ("b", make_mind("b", 5), None),  # robots are judged by themselves
+        ("a", make_mind("a", 6), None),  # a quick one: its truth comes after its poses
+    ):
+        taken = decoder.take(received(KEYS.mind(key), message))
+        kept = BusMessage(KEYS.mind(key), message, 1)
+        assert taken == (RefusedMind("a", expected) if expected else kept)  # type: ignore[arg-type]
+
+
+def test_commands_are_kept_by_the_same_rule_and_counted_by_the_world(decoder: Decoder) -> None:
+    good = command("a", 5)
+    assert decoder.take(received(KEYS.command("a"), good)) == BusMessage(KEYS.command("a"), good, 1)
+    for message in (good, command("b", 6), command("a", 6, EPOCH + 1), command("a", 99), b""):
+        assert decoder.take(received(KEYS.command("a"), message)) is None
+
+
+def test_in_a_new_world_steps_begin_anew(decoder: Decoder, make_truth: MakeTruth, make_mind: Any) -> None:
+    decoder.take(received(KEYS.mind("a"), make_mind("a", 5)))
+    new = {"epoch": EPOCH + 1}
+    decoder.take(received(KEYS.truth, make_truth(0, {"a": {}}).model_copy(update=new)))
+    first, far = (make_mind("a", step).model_copy(update=new) for step in (0, 5))
+    assert decoder.take(received(KEYS.mind("a"), first)) == BusMessage(KEYS.mind("a"), first, 1)
+    assert decoder.take(received(KEYS.mind("a"), far)) == RefusedMind("a", "answers another step")
+    assert decoder.take(received(KEYS.truth, make_truth(6, {"a": {}}))) is None, "that world is gone"
+
+
+def test_what_the_world_says_wrongly_is_an_error(decoder: Decoder) -> None:
+    with pytest.raises(MessageError):
+        decoder.take(received(KEYS.truth, b"\xc1"))
+
+
+def test_a_robots_flood_is_bounded_counted_and_pushes_out_nothing_of_others() -> None:
+    mailbox, large = Mailbox(), bytes(200_000)
+    for _ in range(100):
+        mailbox.put("a", received("a", large))
+    mailbox.put("b", received("b", large))
+    mailbox.put(None, received("truth", large))
+    kept = MOST_WAITING_BYTES // len(large) + 1
+    assert mailbox.lost == {"a": 100 - kept}
+    assert [mailbox.get(0.0).key for _ in range(kept + 2)] == [*"a" * kept, "b", "truth"]
+    assert mailbox.empty()
+    mailbox.put("a", received("a", large))  # there is room again
+    assert mailbox.get(0.0).key == "a"
+    assert mailbox.lost == {"a": 100 - kept}
+
+
+def test_a_flood_of_empty_messages_is_bounded_too() -> None:
+    mailbox = Mailbox()
+    for _ in range(40_000):
+        mailbox.put("a", received("a", b""))
+    assert mailbox.lost["a"] > 20_000
+
+
+@pytest.mark.parametrize(
+    ("commands", "step", "missed", "changes", "awaited"),
+    [
+        ([("1", 4), ("2", 4)], 5, {}, {"verdict": "arrived"}, False),
+        ([("2", 4)], 5, {}, {"verdict": "arrived"}, True),  # the truth has overtaken a command
+        ([("2", 4)], 5, {"deadline_misses": 1}, {"verdict": "arrived"}, False),  # whoever missed the step
+        ([], 4, {}, {"verdict": "interrupted"}, False),  # an interrupted step leads nowhere
+        ([], 0, {}, {"epoch": EPOCH + 1}, False),  # a new world
+        ([("1", 4)], 5, {}, {"epoch": EPOCH + 1}, False),
+    ],
+)
+def test_commands_that_led_to_the_newest_truth_are_awaited(
+    make_truth: MakeTruth,
+    commands: list[tuple[str, int]],
+    step: int,
+    missed: dict[str, int],
+    changes: dict[str, Any],
+    awaited: bool,
+) -> None:
+    outstanding = Outstanding()
+    assert not outstanding.on_their_way()
+    outstanding.add(make_truth(3, {"1": {}, "2": {}}))
+    for each in (command("1", 3), command("2", 3), make_truth(4, {"1": {}, "2": {}})):
+        outstanding.add(each)
+    assert not outstanding.on_their_way()
+    for robot, answered in commands:
+        outstanding.add(command(robot, answered))
+    outstanding.add(make_truth(step, {"1": missed, "2": {}}).model_copy(update=changes))
+    assert outstanding.on_their_way() is awaited
+    if awaited:
+        outstanding.add(command("1", step - 1, EPOCH + 1))
+        assert outstanding.on_their_way(), "this answers another world"
+        outstanding.add(command("1", step - 1))
+        assert not outstanding.on_their_way()
 
 
 @pytest.fixture
@@ -28,12 +144,12 @@ def lost() -> dict[str, str]:
 
 @pytest.fixture
 def bench(lost: dict[str, str]) -> Subscriber:
-    """Which has the scene, among processes of which nothing is to be told."""
+    """It has the scene; of its processes there is nothing to say."""
     processes = SimpleNamespace(take_started_again=list, is_running=lambda name: name not in lost)
     supervisor = SimpleNamespace(look=lambda: None, lost=lost)
-    director = SimpleNamespace(look=lambda: None, at=lambda truth: None)
+    faults = SimpleNamespace(look=lambda: None, at=lambda truth: None)
     interruption = SimpleNamespace(insisted=False, requested=False)
-    bench: Any = Subscriber("test", processes, supervisor, director, interruption)  # type: ignore[arg-type]
+    bench: Any = Subscriber("test", processes, supervisor, faults, interruption)  # type: ignore[arg-type]
     bench._scene_due = False
     return bench
 
@@ -49,7 +165,7 @@ def steps(messages: Iterator[Any]) -> list[int]:
     return [item.message.step for item in messages if isinstance(item, BusMessage)]
 
 
-def test_steps_that_the_bus_has_lost_are_told(bench: Subscriber, make_truth: MakeTruth) -> None:
+def test_steps_that_the_bus_has_lost_are_logged(bench: Subscriber, make_truth: MakeTruth) -> None:
     for step in (0, 1, 4):
         say(bench, make_truth(step, {"1": {}}))
     say(bench, make_truth(5, {"1": {}}, verdict="timeout"))
