@@ -1,6 +1,7 @@
 """Files written by hand in YAML: read whole, validated, or refused with a line for every mistake."""
 
-from dataclasses import dataclass, field, replace
+import re
+from collections.abc import Callable, Iterable, Iterator
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -11,378 +12,43 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from chassis.refusal import Refusal
 
+MAX_FILE_BYTES = 1024 * 1024
+MAX_PROBLEMS = 5
+"""Described one by one; the others are only counted."""
+
 _CORE = "tag:yaml.org,2002:"
-_MAP, _LIST, _MERGE = _CORE + "map", _CORE + "seq", _CORE + "merge"
-_SCALARS = {_CORE + kind for kind in ("str", "int", "float", "bool", "null", "timestamp")}
+_TEXT, _NOTHING = _CORE + "str", _CORE + "null"
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE)
 _SHOWN = 40
-
-
-class YamlProblems(Exception):
-    """Text that is not one plain YAML document; ``found`` holds the line and a text for each problem."""
-
-    def __init__(self, found: list[tuple[int, str]]) -> None:
-        super().__init__(found)
-        self.found = found
-
-
-@dataclass(frozen=True)
-class Item:
-    """A value, the lines of itself and of its key (from 1), its description, and what it holds."""
-
-    value: Any
-    line: int
-    key_line: int
-    described: str
-    parts: dict[str | int, "Item"] = field(default_factory=dict)
-
-    def at(self, location: tuple[str | int, ...]) -> "Item":
-        """The item at a path of keys and indices, or the last one on the way that exists."""
-        item = self
-        for part in location:
-            if part not in item.parts:
-                break
-            item = item.parts[part]
-        return item
-
-
-def read_tree(text: str) -> Item | None:
-    """The one document of a YAML text; None if there is nothing in it.
-
-    Aliases and merge keys mean what they mean in YAML. A key given twice, of which YAML readers silently
-    take the last, and tags that make anything but plain values are refused.
-
-    Raises:
-        YamlProblems: the text is not YAML, holds several documents, or something refused.
-        RecursionError: it is nested too deep, or an alias stands inside what it stands for.
-    """
-    try:
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 1
-        what = ", ".join(part for part in (error.context, error.problem) if part)
-        raise YamlProblems([(line, f"one YAML document is expected: {what}")]) from None
-    except yaml.reader.ReaderError as error:
-        line = text.count("\n", 0, error.position) + 1
-        raise YamlProblems([(line, f"the character U+{error.character:04X} is not allowed")]) from None
-    if root is None:
-        return None
-    builder = _Builder()
-    tree = builder.item(root)
-    if builder.problems:
-        raise YamlProblems(sorted(builder.problems))
-    return tree
-
-
-class _Builder:
-    """Turns YAML nodes into items; an anchored node becomes one item, however often it is used."""
-
-    def __init__(self) -> None:
-        self.problems: list[tuple[int, str]] = []
-        self._done: dict[yaml.Node, Item] = {}
-        self._constructor = yaml.constructor.SafeConstructor()
-
-    def item(self, node: yaml.Node) -> Item:
-        if node not in self._done:
-            self._done[node] = self._build(node)
-        return self._done[node]
-
-    def _build(self, node: yaml.Node) -> Item:
-        line = _line(node)
-        if isinstance(node, yaml.MappingNode) and node.tag == _MAP:
-            fields = self._fields(node)
-            return Item({key: item.value for key, item in fields.items()}, line, line, "a map", fields)
-        if isinstance(node, yaml.SequenceNode) and node.tag == _LIST:
-            items = [self.item(child) for child in node.value]
-            described = f"a list of {len(items)}"
-            return Item([item.value for item in items], line, line, described, dict(enumerate(items)))
-        value = self._scalar(node)
-        return Item(value, line, line, _described(node, value))
-
-    def _fields(self, node: yaml.MappingNode) -> dict[str | int, Item]:
-        """The fields of a map: first those merged into it, then its own, which win."""
-        merged: dict[str | int, Item] = {}
-        own: dict[str | int, Item] = {}
-        lines: dict[str, int] = {}
-        for key, child in node.value:
-            line = _line(key)
-            if not isinstance(key, yaml.ScalarNode):
-                self.problems.append((line, "a key must be text, found a map or a list"))
-            elif key.value in lines:
-                what = f"'{_short(key.value)}' is given twice, first in line {lines[key.value]}"
-                self.problems.append((line, f"{what}: keep one of the two"))
-            else:
-                lines[key.value] = line
-                if key.tag == _MERGE:
-                    merged = self._merged(child)
-                else:
-                    own[key.value] = replace(self.item(child), key_line=line)
-        return merged | own
-
-    def _merged(self, node: yaml.Node) -> dict[str | int, Item]:
-        """What ``<<`` brings: the fields of a map, or of several, the first of which wins."""
-        fields: dict[str | int, Item] = {}
-        for source in reversed(node.value if isinstance(node, yaml.SequenceNode) else [node]):
-            if isinstance(source, yaml.MappingNode):
-                fields.update(self.item(source).parts)
-            else:
-                self.problems.append((_line(source), "'<<' merges maps, found something else"))
-        return fields
-
-    def _scalar(self, node: yaml.Node) -> Any:
-        kind = node.tag.replace(_CORE, "!!")
-        if node.tag not in _SCALARS:
-            what = f"the tag {kind} is not allowed: plain maps, lists, numbers and text are expected"
-            self.problems.append((_line(node), what))
-            return None
-        try:
-            return self._constructor.construct_object(node)
-        # PyYAML matches '2026-13-45' or '!!bool maybe' to a type and lets escape whatever that type raises.
-        except Exception:
-            self.problems.append((_line(node), f"'{_short(node.value)}' cannot be read as {kind}"))
-            return None
-
-
-def _line(node: yaml.Node) -> int:
-    return node.start_mark.line + 1
-
-
-def _described(node: yaml.Node, value: Any) -> str:
-    """A scalar as it is written, text in quotes."""
-    if value is None:
-        return "nothing"
-    return f"'{_short(value)}'" if isinstance(value, str) else _short(node.value)
-
-
-def _short(text: str) -> str:
-    """The beginning of a text, with unprintable characters escaped."""
-    shown = text if len(text) <= _SHOWN else text[:_SHOWN] + "…"
-    return shown if shown.isprintable() else ascii(shown)[1:-1]
-
-
-MAX_PROBLEMS_TOLD = 5
+_INCOMPLETE = ("missing", "union_tag_invalid", "union_tag_not_found")
+"""Errors at a field that a map lacks, or that says of what kind the map is."""
+_PLAIN = {_TEXT, _NOTHING, *(_CORE + kind for kind in ("int", "float", "bool", "timestamp", "map", "seq"))}
 
 Location = tuple[str | int, ...]
-
-_EXPECTED = {
-    "list_type": "a list",
-    "tuple_type": "a list",
-    "model_attributes_type": "a map with kind …",
-    "string_type": "text",
-    "string_pattern_mismatch": "1 to 32 letters, digits, '-' or '_', the first a letter or digit,",
-    "string_too_short": "text of at least {min_length} character",
-    "string_too_long": "text of at most {max_length} characters",
-    "float_type": "a number",
-    "finite_number": "a finite number",
-    "int_type": "a whole number",
-    "literal_error": "{expected}",
-    "greater_than": "a number greater than {gt:g}",
-    "greater_than_equal": "a number not less than {ge:g}",
-    "less_than_equal": "a number not greater than {le:g}",
-    "too_short": "a list of at least {min_length} item",
-    "too_long": "a list of at most {max_length} items",
-}
-"""What was expected, by pydantic's kind of error."""
-
-
-def mistake_at(where: str, what: str) -> PydanticCustomError:
-    """A mistake of a whole file that belongs to one place in it.
-
-    Args:
-        where: such as ``robots.2.goal``.
-        what: is wrong, and what was expected.
-    """
-    return PydanticCustomError("scenario", "{what}", {"where": where, "what": what})
-
-
-def tell(path: Path, tree: Item, model: type[BaseModel], errors: list[ErrorDetails]) -> str:
-    """One line a mistake, in the order of the file.
-
-    Args:
-        path: of the file.
-        tree: its content.
-        model: what the content was taken for.
-        errors: that this led to.
-    """
-    renamed = {(*e["loc"][:-1], near) for e in errors if (near := _nearest_field(model, e))}
-    problems = sorted(
-        _problem(tree, model, error)
-        for error in errors
-        if not (error["type"] == "missing" and error["loc"] in renamed)  # said at the misspelt key
-    )
-    lines = [f"{path}:{line}: {text}" for line, text in problems[:MAX_PROBLEMS_TOLD]]
-    if len(problems) > MAX_PROBLEMS_TOLD:
-        lines.append(f"and {len(problems) - MAX_PROBLEMS_TOLD} more")
-    return "\n".join(lines)
-
-
-def told_at(path: Path, tree: Item, location: Location, what: str) -> str:
-    """The line of one mistake."""
-    return f"{path}:{tree.at(location).line}: {place_of(location)}: {what}"
-
-
-def expected_map(model: type[BaseModel]) -> str:
-    """A map with its required fields, or with all of them where none is required."""
-    fields = model.model_fields
-    required = [name for name, field in fields.items() if field.is_required()]
-    names = ", ".join(required or fields)
-    return f"a map with {names}{' …' if 0 < len(required) < len(fields) else ''}"
-
-
-def place_of(location: Location) -> str:
-    """A place as people write it: ``robots[1].goal``."""
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".")
-
-
-def location_of(where: str) -> Location:
-    """The place that a check of the whole file names: ``robots.1.goal``."""
-    return tuple(int(part) if part.isdigit() else part for part in where.split("."))
-
-
-def _problem(tree: Item, model: type[BaseModel], error: ErrorDetails) -> tuple[int, str]:
-    """Line and text of one problem."""
-    location = _location(tree, error)
-    item = tree.at(location)
-    line = item.key_line if error["type"] == "extra_forbidden" else item.line
-    place, what = place_of(location), _what(model, error, item)
-    return line, f"{place}: {what}" if place else what
-
-
-def _location(tree: Item, error: ErrorDetails) -> Location:
-    """Where an error belongs in the file; pydantic also names the kind that it takes a map for."""
-    if where := error.get("ctx", {}).get("where"):
-        return location_of(where)
-    *way, last = error["loc"] or (None,)
-    location: Location = ()
-    for part in way:
-        if part in tree.at(location).parts:
-            location += (part,)
-    if last is not None and (last in tree.at(location).parts or error["type"] == "missing"):
-        location += (last,)
-    if error["type"] in ("union_tag_invalid", "union_tag_not_found"):
-        location += ("kind",)
-    return location
-
-
-def _what(model: type[BaseModel], error: ErrorDetails, item: Item) -> str:
-    kind, context = error["type"], error.get("ctx", {})
-    if kind == "scenario":
-        return str(context["what"])
-    if kind == "value_error":
-        return str(context["error"])
-    if kind == "extra_forbidden":
-        return _unknown_field(model, error)
-    if kind == "missing":
-        return f"this {'item' if isinstance(error['loc'][-1], int) else 'field'} is missing"
-    if kind == "model_type":
-        return f"{expected_map(_model_at(model, error['loc']))} is expected, found {item.described}"
-    if kind == "union_tag_invalid":
-        return _unknown_kind(context["tag"], _kinds_at(model, error))
-    if kind == "union_tag_not_found":
-        return f"this field is missing; {_listed(_kinds_at(model, error))}"
-    if kind in _EXPECTED:
-        return f"{_EXPECTED[kind].format(**context)} is expected, found {item.described}{_hint(kind, item)}"
-    return f"{error['msg']}, found {item.described}"
-
-
-def _hint(kind: str, item: Item) -> str:
-    """What to do where YAML reads a value as another type than a person does."""
-    if kind == "string_type" and not isinstance(item.value, dict | list | None):
-        return "; put it in quotes to make it text"
-    if kind in ("float_type", "int_type") and isinstance(item.value, str) and _is_number(item.value):
-        return "; to make it a number write it without quotes, and powers of ten as 1.0e+3"
-    return ""
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _unknown_field(model: type[BaseModel], error: ErrorDetails) -> str:
-    near = _nearest_field(model, error)
-    if near:
-        return f"there is no such field; did you mean '{near}'?"
-    fields = ", ".join(_model_at(model, error["loc"][:-1]).model_fields)
-    return f"there is no such field; the fields here are {fields}"
-
-
-def _nearest_field(model: type[BaseModel], error: ErrorDetails) -> str | None:
-    """The right field for a misspelt one."""
-    if error["type"] != "extra_forbidden":
-        return None
-    *parents, key = error["loc"]
-    return _nearest(str(key), list(_model_at(model, tuple(parents)).model_fields))
-
-
-def _unknown_kind(found: str, kinds: list[str]) -> str:
-    near = _nearest(found, kinds)
-    return f"there is no kind {found!r}; {_listed(kinds) if near is None else f'did you mean {near!r}?'}"
-
-
-def _kinds_at(model: type[BaseModel], error: ErrorDetails) -> list[str]:
-    """What the kind of a map can be where it tells none, or none that there is."""
-    return [kind for each in _models_at(model, error["loc"]) if (kind := _kind_of(each))]
-
-
-def _listed(kinds: list[str]) -> str:
-    return f"the kinds are {', '.join(kinds)}"
-
-
-def _nearest(text: str, possible: list[str]) -> str | None:
-    return next(iter(get_close_matches(text.lower(), possible, n=1, cutoff=0.5)), None)
-
-
-def _model_at(model: type[BaseModel], location: Location) -> type[BaseModel]:
-    """The model that describes this place of a file."""
-    [found] = _models_at(model, location)
-    return found
-
-
-def _models_at(model: type[BaseModel], location: Location) -> list[type[BaseModel]]:
-    """The models of which one describes this place: several where a kind is still to choose."""
-    models = [model]
-    for part in location:
-        if isinstance(part, str):
-            by_kind = {_kind_of(each): each for each in models}
-            chosen = by_kind.get(part) if len(models) > 1 else None
-            models = [chosen] if chosen else _models_in(models[0].model_fields[part].annotation)
-    return models
-
-
-def _kind_of(model: type[BaseModel]) -> str | None:
-    """What the field ``kind`` of a model says, where the model is one of several."""
-    field = model.model_fields.get("kind")
-    return field and next(iter(get_args(field.annotation)), None)
-
-
-def _models_in(annotation: Any) -> list[type[BaseModel]]:
-    """The models in ``list[…]``, ``… | None``, ``tuple[A | B, …]`` and so on."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [model for part in get_args(annotation) for model in _models_in(part)]
-
-
-MAX_FILE_BYTES = 1024 * 1024
-
+Problem = tuple[int, str]
+"""A line, from 1, and what is wrong there."""
 M = TypeVar("M", bound=BaseModel)
 
 
-def read_as(path: Path, model: type[M], what: str) -> M:
+def mistake_at(where: str, what: str) -> PydanticCustomError:
+    """A mistake of the whole that a validator finds at one place, such as ``robots.2.goal``."""
+    return PydanticCustomError("mistake", "{what}", {"where": where, "what": what})
+
+
+def read_as(path: Path, model: type[M], what: str, check: Callable[[M], object] | None = None) -> M:
     """Read a YAML file.
 
     Args:
         path: of the file.
         model: what it holds.
         what: its name for people.
+        check: of the whole; it may raise :func:`mistake_at`.
 
     Raises:
-        Refusal: the file cannot be read, is no single YAML map, or is not valid. One line a problem,
-            with file, line and field.
+        Refusal: the file cannot be read, is too large, is no single YAML map, or is not valid. One line a
+            problem, with file, line and field.
     """
-    return validated(model, tree_of(read_text(path), path, model, what), path)
+    return parse_as(read_text(path), path, model, what, check)
 
 
 def read_text(path: Path) -> str:
@@ -402,41 +68,214 @@ def read_text(path: Path) -> str:
         return content.decode("utf-8")
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
-        raise Refusal(
-            f"{path}:{line}: UTF-8 text is expected, found the byte 0x{content[error.start]:02x}"
-        ) from None
+        found = f"the byte 0x{content[error.start]:02x}"
+        raise Refusal(f"{path}:{line}: UTF-8 text is expected, found {found}") from None
 
 
-def tree_of(text: str, path: Path, model: type[BaseModel], what: str) -> Item:
-    """The content of a file.
-
-    Args:
-        text: of the file.
-        path: of the file, for people.
-        model: what it should hold.
-        what: its name for people.
-
-    Raises:
-        Refusal: it is no single YAML document, or empty.
-    """
+def parse_as(
+    text: str, path: Path, model: type[M], what: str, check: Callable[[M], object] | None = None
+) -> M:
+    """Read the text of a file; arguments and refusals as of :func:`read_as`."""
+    root: yaml.Node | None = None
+    problems: list[Problem]
     try:
-        tree = read_tree(text)
-    except YamlProblems as error:
-        raise Refusal("\n".join(f"{path}:{line}: {problem}" for line, problem in error.found)) from None
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        if root is None:
+            raise Refusal(f"{path}: the file is empty; a {what} needs {_map_of(model)}")
+        problems = list(_made_plain(root, set()))
+        if not problems:
+            found = model.model_validate(yaml.constructor.SafeConstructor().construct_document(root))
+            if check is not None:
+                check(found)
+            return found
     except RecursionError:
         raise Refusal(f"{path}: nested too deep; a {what} has five levels at most") from None
-    if tree is None:
-        raise Refusal(f"{path}: the file is empty; a {what} needs {expected_map(model)}")
-    return tree
-
-
-def validated(model: type[M], tree: Item, path: Path) -> M:
-    """The content as a model.
-
-    Raises:
-        Refusal: it is not valid.
-    """
-    try:
-        return model.model_validate(tree.value)
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        why = ", ".join(part for part in (error.context, error.problem) if part)
+        problems = [(line, f"one YAML document is expected: {why}")]
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        problems = [(line, f"the character U+{error.character:04X} is not allowed")]
     except ValidationError as error:
-        raise Refusal(tell(path, tree, model, error.errors(include_url=False))) from None
+        problems = list(_located(root, model, error.errors(include_url=False)))
+    except PydanticCustomError as error:
+        whole = ErrorDetails(type=error.type, loc=(), msg="", input=None, ctx=error.context or {})
+        problems = list(_located(root, model, [whole]))
+    lines = [f"{path}:{line}: {problem}" for line, problem in sorted(problems)]
+    rest = [f"and {len(lines) - MAX_PROBLEMS} more"] if len(lines) > MAX_PROBLEMS else []
+    raise Refusal("\n".join(lines[:MAX_PROBLEMS] + rest))
+
+
+def _made_plain(node: yaml.Node, done: set[yaml.Node]) -> Iterator[Problem]:
+    """Make every key of a document text and merge what ``<<`` names, once for each node, however often used.
+
+    Yields:
+        Keys given twice, of which YAML readers silently take the last, and all that makes no plain value.
+    """
+    if node in done:
+        return
+    done.add(node)
+    if node.tag not in _PLAIN:
+        kind = node.tag.replace(_CORE, "!!")
+        yield _line(node), f"the tag {kind} is not allowed: plain maps, lists, numbers and text are expected"
+    elif isinstance(node, yaml.SequenceNode):
+        for child in node.value:
+            yield from _made_plain(child, done)
+    elif isinstance(node, yaml.MappingNode):
+        yield from _made_plain_map(node, done)
+    else:
+        try:
+            yaml.constructor.SafeConstructor().construct_object(node)
+        # PyYAML matches '2026-13-45' or '!!bool maybe' to a type and lets escape whatever that type raises.
+        except Exception:
+            yield _line(node), f"'{_short(node.value)}' cannot be read as {node.tag.replace(_CORE, '!!')}"
+
+
+def _made_plain_map(node: yaml.MappingNode, done: set[yaml.Node]) -> Iterator[Problem]:
+    own: dict[str, tuple[yaml.Node, yaml.Node]] = {}
+    merged: dict[str, tuple[yaml.Node, yaml.Node]] = {}
+    for key, child in node.value:
+        yield from _made_plain(child, done)
+        if not isinstance(key, yaml.ScalarNode):
+            yield _line(key), "a key must be text, found a map or a list"
+        elif key.value in own:
+            what = f"'{_short(key.value)}' is given twice, first in line {_line(own[key.value][0])}"
+            yield _line(key), f"{what}: keep one of the two"
+        else:
+            own[key.value] = key, child
+            if key.tag == _CORE + "merge":  # of several maps, the first one wins; over all, the own fields
+                for source in reversed(child.value if isinstance(child, yaml.SequenceNode) else [child]):
+                    if isinstance(source, yaml.MappingNode):
+                        merged |= {each.value: (each, value) for each, value in source.value}
+                    else:
+                        yield _line(source), "'<<' merges maps, found something else"
+            key.tag = _TEXT
+    if merged:
+        del own["<<"]
+    node.value = list((merged | own).values())
+
+
+def _located(root: yaml.Node | None, model: type[BaseModel], errors: list[ErrorDetails]) -> Iterator[Problem]:
+    """Each error at its place in the file."""
+    assert root is not None
+    nearest = {error["loc"]: _nearest_field(model, error["loc"]) for error in errors if _is_unknown(error)}
+    meant = {(*location[:-1], near) for location, near in nearest.items()}
+    for error in errors:
+        kind, location, context = error["type"], error["loc"], error.get("ctx", {})
+        if kind == "missing" and location in meant:
+            continue  # said at the misspelt key
+        if where := context.get("where"):
+            location = tuple(int(part) if part.isdigit() else part for part in str(where).split("."))
+        if kind in _INCOMPLETE[1:]:
+            location = (*location, "kind")
+        place, node, line = Location(), root, _line(root)
+        for part in location:  # pydantic also names the kind that it takes a map for
+            if found := _parts(node).get(part):
+                place, line, node = (*place, part), _line(found[0]), found[1]
+        if kind in _INCOMPLETE and place[-1:] != location[-1:]:
+            place = (*place, location[-1])
+        what = _what(model, error, node, nearest.get(error["loc"]))
+        named = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).lstrip(".")
+        yield line if _is_unknown(error) else _line(node), f"{named}: {what}" if named else what
+
+
+def _what(model: type[BaseModel], error: ErrorDetails, node: yaml.Node, near: str | None) -> str:
+    """What is wrong: in own words where these help more than pydantic's."""
+    kind, context = error["type"], error.get("ctx", {})
+    if kind in ("mistake", "value_error"):
+        return str(context.get("what") or context["error"])
+    if kind == "missing":
+        return f"this {'item' if isinstance(error['loc'][-1], int) else 'field'} is missing"
+    if _is_unknown(error):
+        fields = _models_at(model, error["loc"][:-1])[0].model_fields
+        return f"there is no such field; {_instead(near, 'fields here', fields)}"
+    if kind == "model_attributes_type":
+        return f"a map with kind … is expected, found {_shown(node)}"
+    if kind == "model_type":
+        return f"{_map_of(_models_at(model, error['loc'])[0])} is expected, found {_shown(node)}"
+    if kind in _INCOMPLETE:
+        kinds = [name for each in _models_at(model, error["loc"]) if (name := _kind_of(each))]
+        tag = context.get("tag")
+        said = f"there is no kind {tag!r}" if tag else "this field is missing"
+        return f"{said}; {_instead(_nearest(tag or '', kinds), 'kinds', kinds)}"
+    hint = ""
+    if kind == "string_type" and isinstance(node, yaml.ScalarNode) and node.tag != _NOTHING:
+        hint = "; put it in quotes to make it text"
+    elif kind in ("float_type", "int_type") and node.tag == _TEXT and _NUMBER.fullmatch(node.value):
+        hint = "; to make it a number write it without quotes, and powers of ten as 1.0e+3"
+    message = error["msg"].replace("tuple", "list").replace(" after validation", "")
+    return f"{message[0].lower()}{message[1:]}, found {_shown(node)}{hint}"
+
+
+def _instead(near: str | None, what: str, possible: Iterable[str]) -> str:
+    return f"did you mean {near!r}?" if near else f"the {what} are {', '.join(possible)}"
+
+
+def _is_unknown(error: ErrorDetails) -> bool:
+    return error["type"] == "extra_forbidden"
+
+
+def _nearest_field(model: type[BaseModel], location: Location) -> str | None:
+    return _nearest(str(location[-1]), list(_models_at(model, location[:-1])[0].model_fields))
+
+
+def _nearest(text: str, possible: list[str]) -> str | None:
+    return next(iter(get_close_matches(text.lower(), possible, n=1, cutoff=0.5)), None)
+
+
+def _map_of(model: type[BaseModel]) -> str:
+    """A map with its required fields, or with all of them where none is required."""
+    fields = model.model_fields
+    required = [name for name, field in fields.items() if field.is_required()]
+    return f"a map with {', '.join(required or fields)}{' …' if 0 < len(required) < len(fields) else ''}"
+
+
+def _models_at(model: type[BaseModel], location: Location) -> list[type[BaseModel]]:
+    """The models of which one describes this place: several where a kind is still to choose."""
+    models = [model]
+    for part in location:
+        if isinstance(part, str):
+            chosen = {_kind_of(each): each for each in models}.get(part) if len(models) > 1 else None
+            models = [chosen] if chosen else _models_in(models[0].model_fields[part].annotation)
+    return models
+
+
+def _kind_of(model: type[BaseModel]) -> str | None:
+    """What the field ``kind`` of a model says, where the model is one of several."""
+    field = model.model_fields.get("kind")
+    return field and next(iter(get_args(field.annotation)), None)
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    """The models in ``list[…]``, ``… | None``, ``tuple[A | B, …]`` and so on."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _models_in(part)]
+
+
+def _parts(node: yaml.Node) -> dict[str | int, tuple[yaml.Node, yaml.Node]]:
+    """What a map or a list holds: key and value by name, or item by index."""
+    if isinstance(node, yaml.MappingNode):
+        return {key.value: (key, child) for key, child in node.value}
+    items = node.value if isinstance(node, yaml.SequenceNode) else ()
+    return {index: (item, item) for index, item in enumerate(items)}
+
+
+def _line(node: yaml.Node) -> int:
+    return node.start_mark.line + 1
+
+
+def _shown(node: yaml.Node) -> str:
+    """A value for people: a scalar as it is written, text in quotes."""
+    if not isinstance(node, yaml.ScalarNode):
+        return "a map" if isinstance(node, yaml.MappingNode) else f"a list of {len(node.value)}"
+    if node.tag == _NOTHING:
+        return "nothing"
+    return f"'{_short(node.value)}'" if node.tag == _TEXT else _short(node.value)
+
+
+def _short(text: str) -> str:
+    """The beginning of a text, with unprintable characters escaped."""
+    shown = text if len(text) <= _SHOWN else text[:_SHOWN] + "…"
+    return shown if shown.isprintable() else ascii(shown)[1:-1]

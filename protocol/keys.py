@@ -10,7 +10,8 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31
 
 
 def _as_text(value: object) -> object:
-    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+    text = str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+    return checked_name(text) if isinstance(text, str) else text
 
 
 Id = Annotated[Name, BeforeValidator(_as_text)]

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from chassis.files import Record
 from chassis.refusal import Refusal
-from chassis.yaml_file import location_of, mistake_at, read_text, told_at, tree_of, validated
+from chassis.yaml_file import mistake_at, parse_as, read_as
 from protocol.faults import MAX_FAULTS, FaultFile, Faults, Interval, as_tuple, unknown_robot
 from protocol.keys import Id
 from protocol.scene import MAX_ROBOTS, Goal, Metres, NonNegative, PublicRobot, Rules, Scene
@@ -154,7 +154,7 @@ def load_scenario(path: Path) -> Scenario:
         Refusal: the file cannot be read, is no single YAML map, or is not a valid scenario. One line
             a problem, with file, line and field.
     """
-    return parse_scenario(read_text(path), path)
+    return read_as(path, Scenario, "scenario")
 
 
 def parse_scenario(text: str, path: Path) -> Scenario:
@@ -167,7 +167,7 @@ def parse_scenario(text: str, path: Path) -> Scenario:
     Raises:
         Refusal: as of ``load_scenario``.
     """
-    return validated(Scenario, tree_of(text, path, Scenario, "scenario"), path)
+    return parse_as(text, path, Scenario, "scenario")
 
 
 def with_faults(scenario: Scenario, path: Path) -> Scenario:
@@ -177,12 +177,13 @@ def with_faults(scenario: Scenario, path: Path) -> Scenario:
         Refusal: as of ``load_scenario``; or the file names robots that the scenario lacks, or there are
             too many faults together.
     """
-    tree = tree_of(read_text(path), path, FaultFile, "file of faults")
-    faults = validated(FaultFile, tree, path).faults
-    if found := unknown_robot(faults, [robot.id for robot in scenario.robots]):
-        where, what = found
-        raise Refusal(told_at(path, tree, location_of(where), what))
-    merged = (*scenario.faults, *faults)
+
+    def befall_robots_that_exist(file: FaultFile) -> None:
+        if found := unknown_robot(file.faults, [robot.id for robot in scenario.robots]):
+            raise mistake_at(*found)
+
+    file = read_as(path, FaultFile, "file of faults", befall_robots_that_exist)
+    merged = (*scenario.faults, *file.faults)
     if len(merged) > MAX_FAULTS:
         raise Refusal(
             f"{path}: {len(merged)} faults, those of the scenario included, are too many; at most "
