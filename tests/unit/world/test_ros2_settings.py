@@ -34,10 +34,10 @@ def test_a_file_with_nothing_but_robots_has_the_defaults_of_a_scenario(load):
         ({"robots": []}, "robots", "at least 1 item"),
         ({"stale": 1.0}, "stale", "did you mean 'stale_s'"),
         ({"stale_s": 0}, "stale_s", "greater than 0"),
-        ({"stale_s": ".nan"}, "stale_s", "a number"),
+        ({"stale_s": ".nan"}, "stale_s", "number"),
         ({"goal": 1}, "goal", "there is no such field"),
-        ({"connect": 7447}, "connect", "text is expected"),
-        ({"step_s": "0.1"}, "step_s", "a number is expected"),
+        ({"connect": 7447}, "connect", "put it in quotes"),
+        ({"step_s": "0.1"}, "step_s", "valid number"),
     ],
 )
 def test_mistakes_are_told_with_their_line(load, changes, where, words):
@@ -57,7 +57,7 @@ def test_mistakes_are_told_with_their_line(load, changes, where, words):
         ({"command": "/robot/cmd_vel\n"}, "command", "the full name of a ROS topic"),
         ({"goal": {"x_m": 1.0, "y_m": 0.0}}, "goal", "there is no such field"),
         ({"start": {"x_m": 1.0, "y_m": 0.0}}, "start", "there is no such field"),
-        ({"origin": {"x_m": "left"}}, "origin.x_m", "a number is expected"),
+        ({"origin": {"x_m": "left"}}, "origin.x_m", "valid number"),
         ({"limits": {"speed_mps": -1}}, "limits.speed_mps", "greater than 0"),
     ],
 )
