@@ -1,32 +1,53 @@
-"""``unspoken evaluate``: the command line."""
+"""``unspoken evaluate``: the command line, the progress and the table at the end."""
 
 import os
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from statistics import median
+from typing import Annotated, cast, get_args
 
 import typer
+from rich.console import Console
+from rich.table import Table
 
 from agent.estimate import DEFAULT_GOALS, GoalsName
 from agent.process.options import checked_goals
 from agent.solve import SolverName
-from fleet.evaluate.evaluation import Evaluation
-from fleet.evaluate.noise import GRAMMAR, LevelError, levels_in
+from chassis.refusal import ExitStatus, Refusal
+from fleet.evaluate.evaluation import GRAMMAR, Evaluation, levels_in
+from fleet.evaluate.results import Results, Row
+from fleet.interruption import Interruption
 from fleet.record.machine import this_machine
-from fleet.scenarios.suite import Suite, load_suite
+from fleet.record.tables import new_table, number
+from fleet.run.progress import announced, compile_solver, progress_of_many
+from fleet.scenarios.suite import load_suite
 
 METHODS = get_args(GoalsName)
 PUBLISHED: tuple[GoalsName, ...] = ("exchanged", "ioc", "constant-acceleration")
 """What the publication compares."""
-USUAL = ",".join((*PUBLISHED, DEFAULT_GOALS))
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+WIDTH = 110
+"""What the table needs."""
 
 
-def _checked_methods(text: str) -> str:
-    """A list of methods that can all be used here, so that none turns out to be missing after hours."""
-    for name in _chosen(text, METHODS, "--goals"):
-        checked_goals(name)
-    return text
+def _methods(text: str) -> str:
+    """A list of methods, each once, that can all be used here: none turns out to be missing after hours."""
+    names = list(dict.fromkeys(part.strip() for part in text.split(",")))
+    for name in names:
+        if name not in METHODS:
+            raise typer.BadParameter(
+                f"{name!r} found, one or more of {', '.join(METHODS)} with commas between are expected"
+            )
+        checked_goals(cast("GoalsName", name))
+    return ",".join(names)
+
+
+def _levels(text: str) -> str:
+    try:
+        return ",".join(levels_in(text))
+    except ValueError as error:
+        raise typer.BadParameter(f"{error}; {GRAMMAR}") from None
 
 
 def evaluate(
@@ -41,18 +62,19 @@ def evaluate(
         str,
         typer.Option(
             metavar="NAME,NAME,…",
-            callback=_checked_methods,
+            callback=_methods,
             help=f"Methods to compare: {', '.join(METHODS)}.",
         ),
-    ] = USUAL,
+    ] = ",".join((*PUBLISHED, DEFAULT_GOALS)),
     solver: Annotated[SolverName, typer.Option(help="What solves the trajectory problems.")] = "realtime",
     seeds: Annotated[int, typer.Option(min=1, help="How many seeds of sensor noise: 0, 1, …")] = 1,
     noise: Annotated[
-        str, typer.Option(metavar="LEVEL,LEVEL,…", help=f"How well robots see: {GRAMMAR}.")
+        str,
+        typer.Option(metavar="LEVEL,LEVEL,…", callback=_levels, help=f"How well the robots see: {GRAMMAR}."),
     ] = "none",
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help="Processes on this machine.", show_default="one a core"),
+        typer.Option(min=1, help="Processes on this machine.", show_default="one per core"),
     ] = None,
     dask: Annotated[
         str | None,
@@ -64,7 +86,7 @@ def evaluate(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Directory for the results; one of the same evaluation is gone on with.",
+            help="Directory for the results; one that holds part of the same evaluation is resumed.",
             show_default="runs/evaluation-<suite>-<time>",
             file_okay=False,
         ),
@@ -72,8 +94,8 @@ def evaluate(
 ) -> None:
     """Run every scenario of a suite with every method, seed and level of noise, in virtual time and parallel.
 
-    Each finished run is a row of runs.csv at once. Ctrl-C ends it; the same command with the same --out goes
-    on with what is missing. docs/evaluation.md explains the columns.
+    Each run is kept in runs.csv as soon as it is finished. Ctrl-C ends the evaluation; the same command with
+    the same --out makes the missing runs. docs/evaluation.md explains the columns.
 
     Exit status: 0 all runs were made, whatever their verdicts; 1 interrupted; 2 wrong usage; 3 a run failed
     with an exception, or the rest could not be made.
@@ -83,41 +105,120 @@ def evaluate(
             "the cluster of --dask has its own workers; leave out one of --workers and --dask",
             param_hint="--workers",
         )
-    loaded = _loaded(suite)
+    loaded = load_suite(suite)
     evaluation = Evaluation(
         suite=loaded.name,
-        goals=_chosen(goals, METHODS, "--goals"),
+        goals=cast("tuple[GoalsName, ...]", tuple(goals.split(","))),
         solver=solver,
         seeds=seeds,
-        noise=_levels(noise),
+        noise=tuple(noise.split(",")),
         machine=this_machine(),
         begun=datetime.now().astimezone().replace(microsecond=0),
         scenarios=dict(loaded.scenarios),
     )
     directory = out or Path("runs") / f"evaluation-{loaded.name}-{datetime.now():%Y%m%d-%H%M%S}"
-    from fleet.evaluate.conducting import conduct  # Dask takes long to import
+    total = sum(1 for _ in evaluation.runs())
+    with Results(directory, evaluation) as results, Interruption() as interruption:
+        try:
+            _make_missing(evaluation, results, workers or CORES, dask, interruption)
+        except KeyboardInterrupt:
+            raise Refusal(
+                f"Interrupted: {len(results.rows)} of {total} runs are kept; to make the others "
+                f"give the same command with --out {directory}",
+                ExitStatus.UNMET,
+            ) from None
+        finally:
+            _show(evaluation, results)
+    if any(row.failed for row in results.rows.values()):
+        raise typer.Exit(ExitStatus.FAILED)
 
-    raise typer.Exit(conduct(evaluation, directory, workers or CORES, dask))
 
+def _make_missing(
+    evaluation: Evaluation, results: Results, workers: int, dask: str | None, interruption: Interruption
+) -> None:
+    """Make all runs that are not there yet, and show how far they are.
 
-def _chosen(text: str, names: tuple[str, ...], option: str) -> Any:
-    """The names of a list with commas, each once; pydantic knows their type."""
-    chosen = tuple(dict.fromkeys(part.strip() for part in text.split(",")))
-    unknown = [name for name in chosen if name not in names]
-    if unknown:
-        raise typer.BadParameter(
-            f"{unknown[0]!r} found, one or more of {', '.join(names)} with commas between are expected",
-            param_hint=option,
+    Raises:
+        KeyboardInterrupt: interrupted.
+        Refusal: the rest cannot be made.
+    """
+    from fleet.evaluate.running import existing_cluster, local_cluster, rows  # Dask takes long to import
+
+    errors = Console(stderr=True, highlight=False)
+    runs = list(evaluation.runs())
+    missing = [run for run in runs if run.key not in results.rows]
+    there = len(runs) - len(missing)
+    if evaluation.spared_seeds:
+        _say(
+            errors,
+            f"Without noise all seeds give the same run: seed 0 only for {evaluation.spared_seeds} of "
+            f"{len(evaluation.scenarios) * len(evaluation.noise)} scenarios and levels of noise",
         )
-    return chosen
+    if there:
+        _say(errors, f"{there} of {len(runs)} runs are there already")
+    if not missing:
+        return
+    with progress_of_many(errors) as progress:
+        if dask is None:
+            line = progress.add_task(announced("starting"), total=None, failed="")
+            compile_solver(interruption)
+            progress.remove_task(line)
+        failed = sum(row.failed for row in results.rows.values())
+        with existing_cluster(dask) if dask else local_cluster(min(workers, len(missing))) as client:
+            line = progress.add_task("runs", total=len(runs), completed=there, failed=f"{failed} failed")
+            for row in rows(client, missing, interruption):
+                results.add(row)
+                failed += row.failed
+                progress.update(line, advance=1, failed=f"{failed} failed")
 
 
-def _levels(text: str) -> tuple[str, ...]:
-    try:
-        return levels_in(text)
-    except LevelError as error:
-        raise typer.BadParameter(f"{error}; {GRAMMAR}", param_hint="--noise") from None
+def _show(evaluation: Evaluation, results: Results) -> None:
+    """The table of all finished runs, in the order of the evaluation, and where they are."""
+    console = Console(highlight=False, width=max(Console().width, WIDTH))
+    done = [results.rows[run.key] for run in evaluation.runs() if run.key in results.rows]
+    if done:
+        console.print(method_table(done))
+    files = ", ".join(sorted(path.name for path in results.directory.iterdir()))
+    _say(console, f"Results in {results.directory}: {files}")
 
 
-def _loaded(suite: str) -> Suite:
-    return load_suite(suite)
+def method_table(rows: Sequence[Row]) -> Table:
+    """One line per method and level of noise; medians over the runs in which all robots arrived."""
+    table = new_table(
+        "Medians over the runs in which all arrived",
+        "Method",
+        "Noise",
+        "Runs",
+        "All\narrived",
+        "Collided",
+        "Failed",
+        "Duration\nin s",
+        "Mean robot\nin s",
+        "Decide CPU\nms, p99",
+        names=2,
+    )
+    for method, noise in dict.fromkeys((row.method, row.noise) for row in rows):
+        group = [row for row in rows if (row.method, row.noise) == (method, noise)]
+        durations_s = _known(row.duration_s for row in group)
+        robot_durations_s = _known(row.robot_duration_mean_s for row in group)
+        table.add_row(
+            method,
+            noise,
+            str(len(group)),
+            str(len(durations_s)),
+            str(sum(bool(row.collisions) for row in group)),
+            str(sum(row.failed for row in group)),
+            number(median(durations_s) if durations_s else None),
+            number(median(robot_durations_s) if robot_durations_s else None),
+            number(max(_known(row.decide_cpu_p99_ms for row in group), default=None)),
+        )
+    return table
+
+
+def _known(values: Iterable[float | None]) -> list[float]:
+    return [value for value in values if value is not None]
+
+
+def _say(console: Console, text: str) -> None:
+    """Long lines hold paths, which are not to be broken."""
+    console.print(text, markup=False, soft_wrap=True)

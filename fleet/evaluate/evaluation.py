@@ -1,18 +1,115 @@
-"""What is evaluated: the settings that stand in ``experiment.json``, and the runs that they ask for."""
+"""What is evaluated: levels of noise, the settings kept in ``experiment.json``, and the runs that follow."""
 
+import math
 from collections.abc import Iterator
 from datetime import datetime
-from typing import Annotated, Any, Literal
+from importlib.metadata import version
+from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import Field, field_serializer
+from pydantic import AfterValidator, Field, ValidationError, field_serializer
 
 from agent.estimate import GoalsName
 from agent.solve import SolverName
-from fleet.evaluate.noise import NoiseLevel, needs_seeds, with_noise
-from fleet.evaluate.row import RunKey
 from fleet.record.machine import Machine
 from fleet.record.report_file import Record
-from protocol.scenario import Scenario
+from fleet.run.experiment import VIRTUAL, RunFacts
+from protocol.scenario import Scenario, Sensing
+
+AS_IN_THE_FILE = "none"
+"""This level leaves a scenario's sensing as its file says."""
+LEVELS = {
+    name: {
+        "position_noise_m": 0.02 * factor,
+        "heading_noise_rad": math.radians(2.0) * factor,
+        "speed_noise_mps": 0.05 * factor,
+    }
+    for name, factor in (("low", 1.0), ("medium", 2.0), ("high", 4.0))
+}
+"""Fields of sensing, by the names of levels of noise."""
+GRAMMAR = (
+    f"levels with commas between, each {AS_IN_THE_FILE} or made of {', '.join(LEVELS)} and FIELD=VALUE "
+    "with + between, such as low+dropout=0.3"
+)
+
+
+def sensing_of(level: str) -> Sensing:
+    """The sensing of every robot at a level such as ``low+delay_steps=2``; what it does not name is perfect.
+
+    Raises:
+        ValueError: a part of it is neither a name nor a field of sensing with a value in its range, or a
+            field is set twice.
+    """
+    settings: dict[str, Any] = {}
+    for part in level.split("+"):
+        name, equals, value = part.partition("=")
+        fields = {name: _number(name, value)} if equals else LEVELS.get(name)
+        if fields is None:
+            raise ValueError(f"{part!r} found, one of {', '.join(LEVELS)} or FIELD=VALUE is expected")
+        if again := settings.keys() & fields.keys():
+            raise ValueError(f"{level!r} says {min(again)} twice")
+        settings |= fields
+    try:
+        return Sensing.model_validate(settings)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+        raise ValueError(f"{level!r}: {first['loc'][0]}: {first['msg']}, found {first['input']!r}") from None
+
+
+def _number(name: str, text: str) -> float | int:
+    if name not in Sensing.model_fields:
+        raise ValueError(f"{name!r} found, one of {', '.join(Sensing.model_fields)} is expected before =")
+    try:
+        return int(text) if text.isdecimal() else float(text)
+    except ValueError:
+        raise ValueError(f"{name}={text} found, a number is expected after =") from None
+
+
+def _checked(level: str) -> str:
+    if level != AS_IN_THE_FILE:
+        sensing_of(level)
+    return level
+
+
+NoiseLevel = Annotated[str, AfterValidator(_checked)]
+"""One level as ``--noise`` takes it, and as it stands in ``runs.csv``."""
+
+
+def levels_in(text: str) -> tuple[str, ...]:
+    """The levels of a list with commas, each once.
+
+    Raises:
+        ValueError: one of them cannot be understood.
+    """
+    return tuple(dict.fromkeys(_checked(part.strip()) for part in text.split(",")))
+
+
+def with_noise(scenario: Scenario, level: str) -> Scenario:
+    """The scenario with this level of sensing for every robot.
+
+    Raises:
+        ValueError: the level cannot be understood.
+    """
+    if level == AS_IN_THE_FILE:
+        return scenario
+    robots = [robot.model_copy(update={"sensing": None}) for robot in scenario.robots]
+    return scenario.model_copy(update={"sensing": sensing_of(level), "robots": robots})
+
+
+def needs_seeds(scenario: Scenario) -> bool:
+    """Whether anything is drawn at random, so that runs with different seeds differ."""
+    drawn = "position_noise_m", "heading_noise_rad", "speed_noise_mps", "dropout"
+    return any(getattr(scenario.sensing_of(robot), name) for robot in scenario.robots for name in drawn)
+
+
+class RunKey(NamedTuple):
+    """Identifies a run among all of an evaluation."""
+
+    scenario: str
+    """The stem of its file."""
+    method: str
+    solver: str
+    noise: str
+    seed: int
 
 
 class Run(Record):
@@ -23,6 +120,20 @@ class Run(Record):
     """With its noise."""
     goals: GoalsName
     solver: SolverName
+
+    @property
+    def facts(self) -> RunFacts:
+        """How it is made."""
+        return RunFacts(
+            scenario=self.scenario.name,
+            goals=self.goals,
+            solver=self.solver,
+            clock=VIRTUAL,
+            seed=self.key.seed,
+            faults=len(self.scenario.faults),
+            run="evaluation",
+            version=version("unspoken"),
+        )
 
 
 class Evaluation(Record):
@@ -71,20 +182,22 @@ class Evaluation(Record):
         return sum(not needs_seeds(scenario) for scenario in noisy)
 
     def differences(self, other: "Evaluation") -> list[str]:
-        """In what another evaluation differs from this one, so that their runs do not belong together."""
+        """Why the runs of another evaluation do not belong to this one; the machine may be another one."""
         mine, others = self._identity(), other._identity()
-        told = [
-            f"{name}: {mine[name]} there, {others[name]} here" for name in mine if mine[name] != others[name]
+        return [
+            *(
+                f"{name}: {mine[name]} there, {others[name]} here"
+                for name in mine
+                if mine[name] != others[name]
+            ),
+            *(
+                f"scenario {stem}: {self._how_changed(stem, other)}"
+                for stem in {**self.scenarios, **other.scenarios}
+                if self.scenarios.get(stem) != other.scenarios.get(stem)
+            ),
         ]
-        changed = [
-            stem
-            for stem in {**self.scenarios, **other.scenarios}
-            if self.scenarios.get(stem) != other.scenarios.get(stem)
-        ]
-        return [*told, *(f"scenario {stem}: {self._how_changed(stem, other)}" for stem in changed)]
 
     def _identity(self) -> dict[str, object]:
-        """What can be compared and told in a word; the machine may be another one."""
         return {
             "suite": self.suite,
             "goals": ",".join(self.goals),

@@ -1,30 +1,62 @@
-"""Makes one run of an evaluation, in whichever process this is called."""
+"""Makes the runs of an evaluation in parallel: on worker processes of this machine, or on a Dask cluster."""
 
+import logging
+import queue
+import signal
+import tempfile
 import time
 import traceback
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from functools import cache
-from importlib.metadata import version
+from multiprocessing import resource_tracker
 from pathlib import Path
+from typing import TypeVar
+
+import dask
+from distributed import Client, Future, KilledWorker, LocalCluster
 
 from agent.estimate import GoalsName
 from agent.process.warm import compile_in_background, warm_up
 from agent.solve import SolverName
+from chassis.refusal import ExitStatus, Refusal
 from fleet.evaluate.evaluation import Run
-from fleet.evaluate.row import Row
+from fleet.evaluate.results import DIED, Row
+from fleet.interruption import Interruption
 from fleet.record.summary import Tally
-from fleet.run.experiment import RunFacts
 from fleet.run.virtual import closed_loop
 
-CLOCK = "virtual"
+CONNECT_S = 10.0
+"""How long to wait for a scheduler and for its first worker."""
+LOOK_S = 0.1
+"""How often a wait for a run looks whether it is still wanted."""
+FETCH_S = 10.0
+"""For one result. With less, Dask on a busy machine takes the time-out for an error of the run."""
+ONE_AT_A_TIME = {"distributed.scheduler.worker-saturation": 1.0}
+"""No run waits at a worker that is busy with another one, and is suspected when that one kills it."""
+QUIET = logging.CRITICAL + 1
+J = TypeVar("J")
+R = TypeVar("R")
 
 
 def execute(run: Run) -> Row:
-    """Drive a scenario to its verdict; an exception on the way becomes a failed row."""
+    """Drive a scenario to its verdict in this process; an exception on the way becomes a failed row."""
     try:
         make_ready(run.goals, run.solver)
         return _drive(run)
     except Exception as error:  # whatever it is, the other runs go on
-        return Row.without_result(run.key, len(run.scenario.robots), told(error))
+        return Row.without_result(run.key, len(run.scenario.robots), described(error))
+
+
+def _drive(run: Run) -> Row:
+    tally = Tally()
+    cpu_s, wall_s = time.thread_time(), time.perf_counter()
+    for moment in closed_loop(run.scenario, run.facts, time.thread_time):
+        tally.add(moment.truth)
+        for decision in moment.decisions.values():
+            tally.add(decision.mind)
+    cpu_s, wall_s = time.thread_time() - cpu_s, time.perf_counter() - wall_s
+    return Row.finished(run.key, tally.summary(run.facts), cpu_s, wall_s)
 
 
 @cache
@@ -34,33 +66,145 @@ def make_ready(goals: GoalsName, solver: SolverName) -> None:
     warm_up(goals, solver)
 
 
-def facts_of(run: Run) -> RunFacts:
-    """How this run is made."""
-    return RunFacts(
-        scenario=run.scenario.name,
-        goals=run.goals,
-        solver=run.solver,
-        clock=CLOCK,
-        seed=run.key.seed,
-        faults=len(run.scenario.faults),
-        run="evaluation",
-        version=version("unspoken"),
-    )
-
-
-def _drive(run: Run) -> Row:
-    facts = facts_of(run)
-    tally = Tally()
-    cpu_s, wall_s = time.thread_time(), time.perf_counter()
-    for moment in closed_loop(run.scenario, facts, time.thread_time):
-        tally.add(moment.truth)
-        for decision in moment.decisions.values():
-            tally.add(decision.mind)
-    cpu_s, wall_s = time.thread_time() - cpu_s, time.perf_counter() - wall_s
-    return Row.finished(run.key, tally.summary(facts), cpu_s, wall_s)
-
-
-def told(error: Exception) -> str:
+def described(error: Exception) -> str:
     """What went wrong, and where."""
     place = traceback.extract_tb(error.__traceback__)[-1]
     return f"{type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"
+
+
+@contextmanager
+def local_cluster(workers: int) -> Iterator[Client]:
+    """Worker processes of one thread each, which talk over loopback and end with the block."""
+    with (
+        dask.config.set(ONE_AT_A_TIME),
+        tempfile.TemporaryDirectory(prefix="unspoken-evaluation-") as directory,
+    ):
+        with _signals_kept_from_children():
+            cluster = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                dashboard_address="127.0.0.1:0",  # none at all would take the usual port, or warn
+                memory_limit=0,
+                local_directory=directory,
+                silence_logs=QUIET,
+            )
+        with cluster, Client(cluster) as client:
+            yield client
+
+
+@contextmanager
+def existing_cluster(address: str) -> Iterator[Client]:
+    """A cluster that somebody else has started, and that stays.
+
+    Raises:
+        Refusal: no scheduler answers there, or it has no workers.
+    """
+    for name in ("distributed", "distributed.client"):  # the latter has a level of its own
+        logging.getLogger(name).setLevel(QUIET)
+    try:
+        client = Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise Refusal(
+            f"no Dask scheduler answers at {address}: {error}; the address that `dask scheduler` prints at "
+            "its start is expected in --dask, such as tcp://127.0.0.1:8786"
+        ) from None
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=CONNECT_S)
+        except TimeoutError:
+            raise Refusal(
+                f"the Dask scheduler at {address} has no workers; start some with `dask worker {address} "
+                "--nthreads 1`, where the same version of unspoken is installed"
+            ) from None
+        yield client
+
+
+def rows(client: Client, runs: Iterable[Run], interruption: Interruption) -> Iterator[Row]:
+    """The rows of these runs; see ``outcomes``."""
+
+    def without_result(run: Run, reason: str) -> Row:
+        return Row.without_result(run.key, len(run.scenario.robots), reason)
+
+    return outcomes(client, runs, execute, without_result, interruption)
+
+
+def outcomes(
+    client: Client,
+    jobs: Iterable[J],
+    make: Callable[[J], R],
+    without_result: Callable[[J, str], R],
+    interruption: Interruption,
+) -> Iterator[R]:
+    """What comes of these jobs, in the order in which they are finished.
+
+    A job whose worker dies is done again elsewhere; after some times, Dask gives it up and it has failed.
+
+    Args:
+        client: of the cluster.
+        jobs: what to do.
+        make: does one of them, on a worker.
+        without_result: what came of a job that failed, with the reason.
+        interruption: looked at while waiting.
+
+    Raises:
+        KeyboardInterrupt: an interruption came.
+        Refusal: the cluster has gone.
+    """
+    jobs_by_future = {client.submit(make, job, pure=False): job for job in jobs}
+    finished: queue.SimpleQueue[Future[R]] = queue.SimpleQueue()
+    for future in jobs_by_future:
+        future.add_done_callback(finished.put)
+    try:
+        while jobs_by_future:
+            future = _next(finished, client, interruption)
+            result = _result(future, jobs_by_future[future], without_result)
+            if result is None:
+                finished.put(future)
+            else:
+                del jobs_by_future[future]
+                yield result
+    finally:
+        if client.status == "running":
+            client.cancel(list(jobs_by_future))
+
+
+def _next(finished: "queue.SimpleQueue[Future[R]]", client: Client, interruption: Interruption) -> Future[R]:
+    while True:
+        if interruption.requested:
+            raise KeyboardInterrupt
+        if client.status != "running":
+            raise Refusal("the Dask cluster has gone", ExitStatus.FAILED)
+        try:
+            return finished.get(timeout=LOOK_S)
+        except queue.Empty:
+            continue
+
+
+def _result(future: "Future[R]", job: J, without_result: Callable[[J, str], R]) -> R | None:
+    """What came of a job; None while it has to be fetched or, its worker having died, done again."""
+    if future.cancelled():
+        raise Refusal("the Dask cluster has dropped the runs", ExitStatus.FAILED)
+    try:
+        return future.result(timeout=FETCH_S)
+    except TimeoutError:
+        return None
+    except KilledWorker:
+        return without_result(job, DIED)
+    except Exception as error:  # such as one from a worker that lacks this software
+        return without_result(job, f"on the worker: {type(error).__name__}: {error}")
+
+
+@contextmanager
+def _signals_kept_from_children() -> Iterator[None]:
+    """Processes begun meanwhile never get Ctrl-C, which a terminal sends to all: this one ends them.
+
+    Nor do the threads begun meanwhile, and the processes that these begin later.
+    """
+    resource_tracker.ensure_running()  # otherwise it begins later, and then lets these signals through again
+    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, former)

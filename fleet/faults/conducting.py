@@ -6,7 +6,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from fleet.evaluate.cluster import LostError, local_cluster, outcomes
+from chassis.refusal import Refusal
+from fleet.evaluate.running import local_cluster, outcomes
 from fleet.faults import live
 from fleet.faults.showing import case_table, failure_lines
 from fleet.faults.trial import Outcome, Trial, execute, without_result
@@ -46,7 +47,7 @@ def conduct(
                 progress.update(line, advance=1, failed=f"{failed} failed" if failed else "")
         except KeyboardInterrupt:
             pass  # said below
-        except (LostError, ProcessFailedError) as error:
+        except (Refusal, ProcessFailedError) as error:
             complaint = error
     order = {(trial.case.name, trial.robots, trial.seed): index for index, trial in enumerate(trials)}
     done.sort(key=lambda each: order[each.case, each.robots, each.seed])

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from agent.estimate import GoalsName
-from fleet.evaluate.running import make_ready, told
+from fleet.evaluate.running import described, make_ready
 from fleet.faults.cases import Case
 from fleet.faults.invariants import Evidence, violations
 from fleet.run.experiment import VIRTUAL, RunFacts
@@ -69,7 +69,7 @@ def execute(trial: Trial) -> Outcome:
                 evidence.add(decision.mind)
         found = violations(trial.case, scenario, trial.seed, evidence)
     except Exception as error:  # whatever it is, it must not happen, and the other trials go on
-        found = [told(error)]
+        found = [described(error)]
     return outcome(trial, evidence, found, time.perf_counter() - begin_s)
 
 

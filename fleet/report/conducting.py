@@ -7,8 +7,9 @@ from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
 from chassis.files import write_whole
+from chassis.refusal import Refusal
 from fleet.evaluate.evaluation import Evaluation
-from fleet.evaluate.results import ResultsError, read_evaluation, read_rows
+from fleet.evaluate.results import read_evaluation, read_rows
 from fleet.interruption import Interruption
 from fleet.report.composing import PREFIX, compose
 from fleet.report.material import Material
@@ -45,7 +46,7 @@ def conduct(directory: Path, against: str | None, worst: int) -> ExitStatus:
             if interruption.requested:
                 raise KeyboardInterrupt
             written = _write(directory, page, scenarios)
-        except (ReportError, ResultsError) as error:
+        except (ReportError, Refusal) as error:
             _tell(errors, f"unspoken: {error}")
             return ExitStatus.WRONG_USAGE
         except ProcessFailedError as error:

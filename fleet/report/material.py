@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from fleet.evaluate.evaluation import Evaluation, Run
-from fleet.evaluate.row import Row, RunKey
+from fleet.evaluate.evaluation import Evaluation, Run, RunKey
+from fleet.evaluate.results import Row
 from fleet.report.measures import Group
 from fleet.report.worst import Worst, worst_runs
 

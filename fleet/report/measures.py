@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
-from fleet.evaluate.row import Row
+from fleet.evaluate.results import Row
 
 
 @dataclass(frozen=True)

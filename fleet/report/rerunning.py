@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from fleet.evaluate.evaluation import Run
-from fleet.evaluate.row import DIED, FAILED, Row
-from fleet.evaluate.running import facts_of
+from fleet.evaluate.results import DIED, FAILED, Row
 from fleet.record.picture import Course, draw_paths
 from fleet.record.summary import Summary, Tally
 from fleet.report.material import Material
@@ -90,7 +89,7 @@ def rerun(run: Run, row: Row, show: Callable[[Truth], None], interrupted: Callab
         KeyboardInterrupt: it was interrupted.
         ModuleNotFoundError: the library of a baseline is not installed here.
     """
-    facts = facts_of(run)
+    facts = run.facts
     tally, course = Tally(), Course(run.scenario.step_s)
     failure = ""
     try:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from statistics import median
 from typing import NamedTuple
 
-from fleet.evaluate.row import Row
+from fleet.evaluate.results import Row
 from fleet.report import published, statistics
 from fleet.report.measures import (
     DURATION,

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from fleet.evaluate.row import Row
+from fleet.evaluate.results import Row
 from fleet.report.measures import all_arrived
 
 

@@ -6,18 +6,15 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
-from fleet.record.output import OutputError
-from fleet.scenarios.families import FamilyName, NoRoomError
+from fleet.record.tables import new_table
+from fleet.scenarios.families import FamilyName
 from fleet.scenarios.suite import generate as generated
 from fleet.scenarios.suite import load_suite, write_suite
 from protocol.scenario import Scenario
 from protocol.scene import MAX_ROBOTS
 from scenarios import bundled_scenarios, bundled_suites
-from world.process import ExitStatus
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -31,39 +28,36 @@ def list_bundled() -> None:
 
     Exit status: 0 listed, 2 wrong usage.
     """
-    table = Table(box=box.SIMPLE_HEAD)
-    table.add_column("Name", overflow="fold")
-    table.add_column("Scenarios", justify="right")
-    table.add_column("Robots", justify="right")
+    table = new_table("", "Name", "Scenarios", "Robots")
     for name in (*bundled_scenarios(), *bundled_suites()):
         scenarios = [scenario for _, scenario in load_suite(name).scenarios]
         table.add_row(name, str(len(scenarios)), _robots(scenarios))
     Console(highlight=False).print(table)
 
 
-def checked_numbers(text: str) -> str:
-    """A text such as ``2..4,8``.
+def numbers_in(text: str) -> list[int]:
+    """The numbers of robots that a text such as ``2..4,8`` names.
 
     Raises:
-        typer.BadParameter: it names no numbers of robots.
+        typer.BadParameter: it names none.
     """
-    if not numbers_in(text):
-        raise typer.BadParameter(
-            f"{text!r} found, numbers of robots from 1 to {MAX_ROBOTS} are expected, such as 4, 2,4,8 or 2..8"
-        )
-    return text
-
-
-def numbers_in(text: str) -> list[int]:
-    """The numbers that a text such as ``2..4,8`` names; none if it names none."""
     numbers: list[int] = []
     for part in text.split(","):
         match = re.fullmatch(r"(\d{1,3})(?:\.\.(\d{1,3}))?", part, re.ASCII)
         first, last = (int(match[1]), int(match[2] or match[1])) if match else (0, 0)
         if not 1 <= first <= last <= MAX_ROBOTS:
-            return []
+            raise typer.BadParameter(
+                f"{text!r} found, numbers of robots from 1 to {MAX_ROBOTS} are expected, such as 4, 2,4,8 or "
+                "2..8"
+            )
         numbers.extend(range(first, last + 1))
     return numbers
+
+
+def checked_numbers(text: str) -> str:
+    """A text that ``numbers_in`` understands; for options."""
+    numbers_in(text)
+    return text
 
 
 @app.command()
@@ -76,7 +70,7 @@ def generate(
             callback=checked_numbers, help="Numbers of robots, gone through in turn.", metavar="N,N..N"
         ),
     ] = "2..8",
-    count: Annotated[int, typer.Option(min=1, help="Scenarios.")] = 40,
+    count: Annotated[int, typer.Option(min=1, help="How many scenarios.")] = 40,
     seed: Annotated[int, typer.Option(min=0, help="Of all that is drawn.")] = 0,
 ) -> None:
     """Generate a suite: a directory of scenario files, the same ones for the same options.
@@ -84,12 +78,8 @@ def generate(
     Exit status: 0 written, 2 wrong usage, or the directory cannot be used; nothing is left in it then.
     """
     recipe = f"unspoken scenarios generate --family {family} --robots {robots} --count {count} --seed {seed}"
-    try:
-        scenarios = generated(family, numbers_in(robots), count, seed)
-        write_suite(out, scenarios, f"Made by {recipe}")
-    except (NoRoomError, OutputError) as error:
-        typer.echo(f"unspoken: {error}", err=True)
-        raise typer.Exit(ExitStatus.WRONG_USAGE) from None
+    scenarios = generated(family, numbers_in(robots), count, seed)
+    write_suite(out, scenarios, f"Made by {recipe}")
     noun = "scenario" if count == 1 else "scenarios"
     typer.echo(f"Wrote {count} {noun} of {_robots(scenarios.values())} robots to {out}.")
 

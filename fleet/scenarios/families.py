@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from chassis.refusal import Refusal
 from protocol.scenario import Pose, Scenario, ScenarioRobot
 from protocol.scene import Area
 from protocol.vehicle import Limits
@@ -25,15 +26,11 @@ Family = Callable[[int, np.random.Generator], Scenario]
 FamilyName = Literal["perimeter", "circle", "random", "corridor", "intersection", "heterogeneous"]
 
 
-class NoRoomError(Exception):
-    """A family cannot place so many robots; the text says how many it can, or what was tried."""
-
-
 def perimeter(robots: int, random: np.random.Generator) -> Scenario:
     """The publication's kind: from one side of the square to the opposite one, 8 m at least.
 
     Raises:
-        NoRoomError: more than 16 robots, or no pairs of starts and goals were found.
+        Refusal: more than 16 robots, or no pairs of starts and goals were found.
     """
     return _scenario("perimeter", _along(_across(robots, random)))
 
@@ -66,7 +63,7 @@ def random_poses(robots: int, random: np.random.Generator) -> Scenario:
     """Positions anywhere in a square that grows with the number of robots, and any headings.
 
     Raises:
-        NoRoomError: no places were found.
+        Refusal: no places were found.
     """
     half_m = HALF_M * max(1.0, math.sqrt(robots / 8.0))
     starts, goals = (_scattered(robots, half_m, random) for _ in range(2))
@@ -131,7 +128,7 @@ def _across(robots: int, random: np.random.Generator) -> list[Way]:
     along = np.arange(-HALF_M, HALF_M + SPACING_M, SPACING_M).tolist()
     points = [(x, y) for x in along for y in along if HALF_M in (abs(x), abs(y))]
     if robots > len(points):
-        raise NoRoomError(f"the border of the square has room for {len(points)} robots, not for {robots}")
+        raise Refusal(f"the border of the square has room for {len(points)} robots, not for {robots}")
     for _ in range(TRIES):
         ways: list[Way] = []
         free = list(points)
@@ -144,7 +141,7 @@ def _across(robots: int, random: np.random.Generator) -> list[Way]:
             free.remove(goal)
         else:
             return ways
-    raise NoRoomError(f"no goals were found for {robots} robots in {TRIES} draws")
+    raise Refusal(f"no goals were found for {robots} robots in {TRIES} draws")
 
 
 def _are_opposite(one: Point, other: Point) -> bool:
@@ -160,7 +157,7 @@ def _scattered(robots: int, half_m: float, random: np.random.Generator) -> list[
             points.append((x_m, y_m))
         if len(points) == robots:
             return points
-    raise NoRoomError(f"no places were found for {robots} robots in {TRIES} draws")
+    raise Refusal(f"no places were found for {robots} robots in {TRIES} draws")
 
 
 def _queues(

@@ -1,23 +1,21 @@
-"""Makes a suite of one family, and writes it."""
+"""Suites: read from scenario files, made of a family, and written."""
 
 import secrets
 import shutil
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from chassis.refusal import Refusal
-from fleet.record.output import OutputError
 from fleet.scenarios.families import FAMILIES, FamilyName
 from protocol.scenario import Scenario, load_scenario, scenario_text
 from scenarios import find_suite
 
 
-@dataclass(frozen=True)
-class Suite:
+class Suite(NamedTuple):
     """Scenarios by the stems of their files, in the order of these."""
 
     name: str
@@ -31,23 +29,22 @@ def load_suite(name_or_path: str) -> Suite:
         name_or_path: a bundled suite or scenario, a directory or a file.
 
     Raises:
-        Refusal: there is no such suite, it is empty, or files in it are wrong: the text tells what
-            ``load_scenario`` tells, for each of them.
+        Refusal: there is no such suite, it is empty, or files in it are wrong: the text says for each
+            of them what ``load_scenario`` says.
     """
     path = find_suite(name_or_path)
     if not path.is_dir():
         return Suite(path.stem, ((path.stem, load_scenario(path)),))
-    files = sorted(path.glob("*.yaml"), key=lambda file: file.stem)
-    if not files:
-        raise Refusal(f"{path}: a suite needs at least one scenario file, and no *.yaml is there")
     scenarios, problems = [], []
-    for file in files:
+    for file in sorted(path.glob("*.yaml"), key=lambda file: file.stem):
         try:
             scenarios.append((file.stem, load_scenario(file)))
         except Refusal as error:
             problems.append(str(error))
     if problems:
         raise Refusal("\n".join(problems))
+    if not scenarios:
+        raise Refusal(f"{path}: a suite needs at least one scenario file, and no *.yaml is there")
     return Suite(path.resolve().name, tuple(scenarios))
 
 
@@ -63,7 +60,7 @@ def generate(family: FamilyName, robots: Sequence[int], count: int, seed: int) -
         seed: of their draws.
 
     Raises:
-        NoRoomError: the family cannot place so many robots.
+        Refusal: the family cannot place so many robots.
     """
     made: dict[str, Scenario] = {}
     drawn = Counter[int]()
@@ -78,7 +75,7 @@ def generate(family: FamilyName, robots: Sequence[int], count: int, seed: int) -
 
 
 def write_suite(directory: Path, scenarios: Mapping[str, Scenario], comment: str) -> None:
-    """Write a file a scenario: all of them, or nothing.
+    """Write a file for each scenario: all of them, or nothing.
 
     Args:
         directory: new or empty.
@@ -86,21 +83,21 @@ def write_suite(directory: Path, scenarios: Mapping[str, Scenario], comment: str
         comment: one line, the first of each file.
 
     Raises:
-        OutputError: the directory holds something or cannot be written.
+        Refusal: the directory holds something or cannot be written.
     """
     directory = directory.resolve()
     beside = directory.parent / f".{directory.name}-{secrets.token_hex(4)}"
     try:
         if directory == Path.cwd():
-            raise OutputError(f"{directory} is where you are; name a new directory in it with --out")
+            raise Refusal(f"{directory} is where you are; name a new directory in it with --out")
         if directory.exists() and any(directory.iterdir()):
-            raise OutputError(f"{directory} is not empty; choose another directory with --out, or remove it")
+            raise Refusal(f"{directory} is not empty; choose another directory with --out, or remove it")
         beside.mkdir(parents=True)
         for name, scenario in scenarios.items():
             text = f"# {comment}\n{scenario_text(scenario)}"
             (beside / f"{name}.yaml").write_text(text, encoding="utf-8")
         beside.rename(directory)
     except OSError as error:
-        raise OutputError(f"{directory} cannot be used for the output: {error.strerror}") from error
+        raise Refusal(f"{directory} cannot be used for the output: {error.strerror}") from error
     finally:
         shutil.rmtree(beside, ignore_errors=True)

@@ -56,7 +56,7 @@ def test_ctrl_c_ends_an_evaluation_and_the_same_command_goes_on(tmp_path: Path, 
         os.kill(pid, signal.SIGINT)
     first.signal(signal.SIGINT)
     assert first.end() == 1, first.complained
-    assert f"of 4 runs are kept; to go on with the others give the same command with --out {out}" in (
+    assert f"of 4 runs are kept; to make the others give the same command with --out {out}" in (
         first.complained
     )
     assert "Traceback" not in first.complained
@@ -171,7 +171,7 @@ def test_a_cluster_that_dies_fails_no_run(tmp_path: Path, process, scheduler: Da
         until(lambda: any(have_made_runs(client)), "the beginning of the run")
     scheduler.kill()
     assert evaluation.end() == 3
-    assert "unspoken: the Dask cluster has" in evaluation.complained
+    assert "the Dask cluster has" in evaluation.complained
     assert "Traceback" not in evaluation.complained
     assert read_rows(out) == []
 

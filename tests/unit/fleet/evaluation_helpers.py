@@ -11,7 +11,7 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 from fleet.cli import app
-from fleet.evaluate import conducting
+from fleet.evaluate import running
 from fleet.evaluate.evaluation import Evaluation
 from fleet.record.machine import this_machine
 from fleet.scenarios.suite import load_suite
@@ -72,4 +72,4 @@ class InThisProcess:
 
 def use(monkeypatch: pytest.MonkeyPatch, client: InThisProcess) -> None:
     """Let evaluations use this client instead of a cluster."""
-    monkeypatch.setattr(conducting, "_cluster", lambda _dask, _workers: nullcontext(client))
+    monkeypatch.setattr(running, "local_cluster", lambda _workers: nullcontext(client))

@@ -11,8 +11,7 @@ from typer.testing import CliRunner
 
 from fleet.cli import app
 from fleet.evaluate.evaluation import Evaluation, Run
-from fleet.evaluate.results import Results
-from fleet.evaluate.row import Row
+from fleet.evaluate.results import Results, Row
 
 
 def row(run: Run, **figures: Any) -> Row:

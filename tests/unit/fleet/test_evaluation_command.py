@@ -12,8 +12,7 @@ from agent.estimate import DEFAULT_GOALS
 from agent.process import options
 from fleet.evaluate import running
 from fleet.evaluate.evaluation import Run
-from fleet.evaluate.results import read_rows
-from fleet.evaluate.row import Row
+from fleet.evaluate.results import Row, read_rows
 
 
 @pytest.fixture
@@ -90,7 +89,7 @@ def test_an_interruption_keeps_what_is_done_and_the_same_command_makes_the_rest(
     use(monkeypatch, Interrupted())
     first = unspoken_evaluate(*command)
     assert first.exit_code == 1
-    assert f"3 of 4 runs are kept; to go on with the others give the same command with --out {tmp_path}" in (
+    assert f"3 of 4 runs are kept; to make the others give the same command with --out {tmp_path}" in (
         first.stderr
     )
     kept = read_rows(tmp_path / "out")

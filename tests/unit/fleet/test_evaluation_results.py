@@ -5,9 +5,17 @@ from pathlib import Path
 import pytest
 from evaluation_helpers import evaluation_of, write_suite
 
+from chassis.refusal import Refusal
 from fleet.evaluate.evaluation import Evaluation
-from fleet.evaluate.results import RUNS, Results, ResultsError, read_evaluation, read_rows
-from fleet.evaluate.row import COLUMNS, Row, RunKey
+from fleet.evaluate.results import (
+    COLUMNS,
+    RUNS,
+    Results,
+    Row,
+    RunKey,
+    read_evaluation,
+    read_rows,
+)
 
 KEY = RunKey("one", "ioc", "realtime", "none", 0)
 FAILED = Row.without_result(KEY, 2, 'ValueError: a comma, a "quote"\nand a line break')
@@ -83,7 +91,7 @@ def test_the_results_of_a_different_evaluation_are_refused(
     with Results(tmp_path / "out", evaluation):
         pass
     with (
-        pytest.raises(ResultsError, match=told),
+        pytest.raises(match=told),
         Results(tmp_path / "out", evaluation.model_copy(update=choices)),
     ):
         pass
@@ -97,7 +105,7 @@ def test_the_results_of_other_software_are_refused(
         pass
     machine = evaluation.machine.model_copy(update={field: other})
     with (
-        pytest.raises(ResultsError, match=f"{field}: .* there, {other} here"),
+        pytest.raises(match=f"{field}: .* there, {other} here"),
         Results(tmp_path / "out", evaluation.model_copy(update={"machine": machine})),
     ):
         pass
@@ -116,7 +124,7 @@ def test_changed_missing_and_new_scenarios_are_told(tmp_path: Path, evaluation: 
         pass
     changed = evaluation_of(write_suite(tmp_path / "changed", "one", "three", time_limit_s=0.7))
     with (
-        pytest.raises(ResultsError) as refusal,
+        pytest.raises(Refusal) as refusal,
         Results(tmp_path / "out", changed.model_copy(update={"suite": "suite"})),
     ):
         pass
@@ -127,7 +135,7 @@ def test_changed_missing_and_new_scenarios_are_told(tmp_path: Path, evaluation: 
 def test_two_evaluations_cannot_write_to_one_directory_at_a_time(tmp_path: Path, evaluation: Evaluation):
     with (
         Results(tmp_path / "out", evaluation),
-        pytest.raises(ResultsError, match="another evaluation is writing there"),
+        pytest.raises(match="another evaluation is writing there"),
         Results(tmp_path / "out", evaluation),
     ):
         pass
@@ -135,7 +143,7 @@ def test_two_evaluations_cannot_write_to_one_directory_at_a_time(tmp_path: Path,
 
 def test_a_directory_of_something_else_is_left_alone(tmp_path: Path, evaluation: Evaluation):
     (tmp_path / "thesis.txt").write_text("mine")
-    with pytest.raises(ResultsError, match="holds no evaluation"), Results(tmp_path, evaluation):
+    with pytest.raises(match="holds no evaluation"), Results(tmp_path, evaluation):
         pass
     assert not (tmp_path / RUNS).exists()
 
@@ -146,5 +154,5 @@ def test_a_damaged_row_is_told_with_its_line(tmp_path: Path, evaluation: Evaluat
         results.add(FAILED)
     with (tmp_path / "out" / RUNS).open("a") as file:
         file.write(damage + "\n")
-    with pytest.raises(ResultsError, match=r"runs\.csv:3: not a row"), Results(tmp_path / "out", evaluation):
+    with pytest.raises(match=r"runs\.csv:3: not a row"), Results(tmp_path / "out", evaluation):
         pass

@@ -14,8 +14,8 @@ from agent.agent import Agent
 from agent.estimate.goals import Exchanged
 from agent.remember.memory import Memory
 from fleet.cli import app
-from fleet.evaluate.noise import with_noise
-from fleet.evaluate.row import COLUMNS, Row
+from fleet.evaluate.evaluation import with_noise
+from fleet.evaluate.results import COLUMNS, Row
 from fleet.evaluate.running import execute
 from protocol.messages import Mind
 from scenarios import find

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fleet.scenarios.families import FAMILIES, FamilyName, NoRoomError
+from chassis.refusal import Refusal
+from fleet.scenarios.families import FAMILIES, FamilyName
 from protocol.scenario import Pose, Scenario, ScenarioRobot
 
 MOST = {"perimeter": 16, "heterogeneous": 16}
@@ -175,5 +176,5 @@ def test_heterogeneous_robots_differ_in_radius_and_in_every_limit() -> None:
 
 @pytest.mark.parametrize("family", MOST)
 def test_more_robots_than_there_is_room_for_are_refused(family: FamilyName) -> None:
-    with pytest.raises(NoRoomError, match="has room for 16 robots, not for 17"):
+    with pytest.raises(Refusal, match="has room for 16 robots, not for 17"):
         drawn(family, 17, 0)

@@ -10,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 
-from fleet.evaluate.row import Row
+from fleet.evaluate.results import Row
 from fleet.report import published
 from fleet.report.boxes import BEYOND, COLLISION, DOT, PUBLISHED, Chart
 from fleet.report.charts import charts, collision_distance_m

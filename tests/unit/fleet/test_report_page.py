@@ -10,8 +10,7 @@ from matplotlib.image import imread
 from reporting_helpers import Parsed, never, page_of, row, unspoken_report, write_evaluation
 
 from fleet.evaluate.evaluation import Run
-from fleet.evaluate.results import EXPERIMENT, RUNS
-from fleet.evaluate.row import Row
+from fleet.evaluate.results import EXPERIMENT, RUNS, Row
 from fleet.report.boxes import Chart
 from fleet.report.published import publication
 

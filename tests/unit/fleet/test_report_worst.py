@@ -8,8 +8,7 @@ import yaml
 from reporting_helpers import never, page_of, row, unspoken_report, write_evaluation
 
 from fleet.evaluate.evaluation import Evaluation
-from fleet.evaluate.results import EXPERIMENT, RUNS
-from fleet.evaluate.row import DIED, Row
+from fleet.evaluate.results import DIED, EXPERIMENT, RUNS, Row
 from fleet.evaluate.running import execute
 from fleet.report import conducting, rerunning
 from fleet.report.worst import worst_runs

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from chassis.refusal import Refusal
-from fleet.record.output import OutputError
 from fleet.scenarios.suite import generate, load_suite, write_suite
 from protocol.scenario import Scenario, load_scenario
 from scenarios import bundled_suites, find
@@ -76,7 +75,7 @@ def test_nothing_is_left_when_writing_fails_halfway(
         return whole(path, text, **options)
 
     monkeypatch.setattr(Path, "write_text", failing)
-    expected = OutputError if isinstance(error, OSError) else type(error)
+    expected = Refusal if isinstance(error, OSError) else type(error)
     with pytest.raises(expected):
         write_suite(tmp_path / "mine", generate("circle", [2], 3, seed=0), "why")
     assert len(written) == 2
@@ -94,7 +93,7 @@ def test_a_directory_that_is_filled_meanwhile_is_left_alone(
         return whole(path, text, **options)
 
     monkeypatch.setattr(Path, "write_text", disturbed)
-    with pytest.raises(OutputError, match="mine cannot be used for the output: Directory not empty"):
+    with pytest.raises(Refusal, match="mine cannot be used for the output: Directory not empty"):
         write_suite(tmp_path / "mine", generate("circle", [2], 3, seed=0), "why")
     assert [str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*")] == ["mine", "mine/thesis.tex"]
 
