@@ -66,12 +66,12 @@ class Agent:
         """A robot with the method and the solver of these names.
 
         Args:
-            robot: as of the class.
-            goal: as of the class.
-            scene: as of the class.
-            goals: how it comes to know what the others will do: a name that ``agent.methods`` knows.
-            solver: of trajectory problems: a name that ``agent.solve.joint_solver`` knows.
-            clock: as of the class.
+            robot: this robot's id; this and the next two as for the class.
+            goal: its own goal.
+            scene: what everybody may know.
+            goals: how it comes to know what the others will do, as ``agent.methods`` names it.
+            solver: of trajectory problems, as ``agent.solve.joint_solver`` names it.
+            clock: as for the class.
             iterations: of the real-time solver a problem, at most.
             deadline: after it a decision improves its trajectories no further; None for no limit.
 

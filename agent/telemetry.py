@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import count
+from typing import get_args
 
 from agent.remember.memory import Memory
 from agent.solve.planning import Plan
@@ -24,10 +25,8 @@ class Stopwatch:
     def phase(self, name: str) -> Iterator[None]:
         """Time the enclosed work as one phase."""
         begin = self._clock()
-        try:
-            yield
-        finally:
-            self._phases[name] = 1e3 * (self._clock() - begin)
+        yield
+        self._phases[name] = 1e3 * (self._clock() - begin)
 
     def timings(self) -> Timings:
         """The phases timed so far; ``decide`` runs from the making of the stopwatch until now."""
@@ -108,14 +107,13 @@ class Telemetry:
     ) -> tuple[Degradation, ...]:
         """In which ways a decision was not as it should be."""
         others = (robot for robot in memory.robots if robot != self._robot)
-        found: dict[Degradation, bool] = {
+        found: dict[Degradation | None, bool] = {
             "extrapolation": any(memory.unseen_steps(robot) > observation.age_steps for robot in others),
             "gate": bool(thought.refused),
-            "controlled stop": thought.emergency == "controlled stop",
             "solver failure": bool(thought.failed),
-            "intervention": thought.emergency == "intervention",
+            thought.emergency: True,
         }
-        return tuple(degradation for degradation, is_so in found.items() if is_so)
+        return tuple(each for each in get_args(Degradation) if found.get(each))
 
 
 def _positions(states: Array) -> Positions:

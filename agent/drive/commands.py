@@ -6,7 +6,6 @@ from typing import NamedTuple
 from agent.drive.safety import CollisionMonitor, Vigilance
 from agent.remember.memory import Memory
 from agent.solve.planning import Plan
-from agent.solve.vehicle import Array
 from agent.telemetry import Thought
 from protocol.messages import Command, Degradation, Observation
 from protocol.scene import Scene
@@ -21,11 +20,10 @@ DOUBTFUL = 3
 
 
 class Action(NamedTuple):
-    """What a robot does at a step."""
+    """What a robot does at a step, and why it does not follow its plan."""
 
     command: Command
     emergency: Degradation | None
-    """Why it does not follow its plan."""
 
 
 class Driver:
@@ -61,12 +59,13 @@ class Driver:
         self._vigilance.look(memory, observation.age_steps)
         speed_mps = float(memory.state(self._robot)[3])
         control, then, emergency = self._inputs(memory, previous, speed_mps, thought)
+        turn_rate, acceleration = control
         command = Command(
             epoch=observation.epoch,
             robot=self._robot,
             step=observation.step,
-            turn_rate_radps=control.turn_rate_radps,
-            acceleration_mps2=control.acceleration_mps2,
+            turn_rate_radps=turn_rate,
+            acceleration_mps2=acceleration,
             then=then,
         )
         self.history.add(command, speed_mps)
@@ -84,44 +83,28 @@ class Driver:
             return braking, None, "controlled stop"
         if plan is None or not plan.solved:
             return failure_input(limits, previous, speed_mps, step_s), None, "solver failure"
-        first = first_input(plan, limits, previous, speed_mps, step_s)
+        first, *then = planned_inputs(plan, limits, previous, speed_mps, step_s)
         if self.monitor.must_brake(memory, plan, first, previous):
             return braking, None, "intervention"
-        return first, second_input(plan, limits, first, speed_mps, step_s), None
+        return first, then[0] if then else None, None
 
 
-def first_input(plan: Plan, limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
-    """The receding horizon: only the plan's first input is driven.
+def planned_inputs(
+    plan: Plan, limits: Limits, previous: Input, speed_mps: float, step_s: float
+) -> list[Input]:
+    """The input that is driven now, and, where the plan goes on, that for a next step without a command.
 
     Solvers keep limits to a tolerance; what is commanded keeps those of inputs and rates exactly, and that of
     the speed as far as they allow.
     """
-    return _reachable(plan.inputs[0], limits, previous, speed_mps, step_s)
-
-
-def second_input(plan: Plan, limits: Limits, first: Input, speed_mps: float, step_s: float) -> Input | None:
-    """What follows the first input, for a step that gets no command in time; in the same limits.
-
-    Args:
-        plan: whose second input it is.
-        limits: of the vehicle.
-        first: what is commanded for this step.
-        speed_mps: at this step.
-        step_s: Δt.
-
-    Returns:
-        None where the plan goes no further than one step.
-    """
-    if len(plan.inputs) < 2:
-        return None
-    return _reachable(plan.inputs[1], limits, first, speed_mps + step_s * first.acceleration_mps2, step_s)
-
-
-def _reachable(planned: Array, limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
-    turn_rate, acceleration = planned.tolist()
-    slowest, fastest = ((bound - speed_mps) / step_s for bound in (-limits.speed_mps, limits.speed_mps))
-    wanted = Input(turn_rate, min(max(acceleration, slowest), fastest))
-    return reachable_inputs(limits, previous, step_s).clip(wanted)
+    inputs = []
+    for turn_rate, acceleration in plan.inputs[:2].tolist():
+        slowest, fastest = ((bound - speed_mps) / step_s for bound in (-limits.speed_mps, limits.speed_mps))
+        wanted = Input(turn_rate, min(max(acceleration, slowest), fastest))
+        previous = reachable_inputs(limits, previous, step_s).clip(wanted)
+        speed_mps += step_s * previous.acceleration_mps2
+        inputs.append(previous)
+    return inputs
 
 
 def failure_input(limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
@@ -187,16 +170,11 @@ class CommandHistory:
         driven, fallback = command.input, command.then
         for _ in range(min(step - command.step - 1, LONGEST_BRAKING_STEPS)):
             speed_mps += self._step_s * driven.acceleration_mps2
-            driven = (
-                Input(*fallback) if fallback else braking_input(self._limits, driven, speed_mps, self._step_s)
-            )
-            fallback = None
+            braking = braking_input(self._limits, driven, speed_mps, self._step_s)
+            driven, fallback = Input(*fallback) if fallback else braking, None
         return driven
 
     def _is_same(self, one: Input, other: Input) -> bool:
         """Whether two inputs are equal, up to what is lost when they are recovered from poses."""
-        limits = self._limits
-        return (
-            abs(one.turn_rate_radps - other.turn_rate_radps) <= SAME * limits.turn_rate_radps
-            and abs(one.acceleration_mps2 - other.acceleration_mps2) <= SAME * limits.acceleration_mps2
-        )
+        bounds = (self._limits.turn_rate_radps, self._limits.acceleration_mps2)
+        return all(abs(a - b) <= SAME * bound for a, b, bound in zip(one, other, bounds, strict=True))

@@ -1,7 +1,5 @@
 """When not to follow the plan: others do what nobody expects, or cannot be seen.
 
-The collision monitor is the last resort: it brakes where going on would end in a collision, whatever the
-optimiser thinks.
 Robots that agree pass one another closely and fast, and look like a danger long before they would have to
 brake. What tells an agreement from a fault is whether the other does what was expected of it. Of a robot that
 does not, nothing is assumed but that it goes on as it does, or that it brakes as hard as its limits allow.
@@ -35,7 +33,7 @@ GONE_STEPS = 30
 
 
 class CollisionMonitor:
-    """Judges each plan before it is driven.
+    """The last resort: brakes where going on would end in a collision, whatever the optimiser thinks.
 
     A robot brakes when, for another one that it doubts, three things are true if that one goes on or if it
     brakes: driven as planned, the collision distance is broken; so it is if one more step is driven and then
@@ -48,6 +46,7 @@ class CollisionMonitor:
     def __init__(self, scene: Scene, robot: str) -> None:
         self._scene = scene
         self._robot = robot
+        self._limits = scene.robot(robot).limits
         self._expected: dict[int, dict[str, Array]] = {}
         self._departed: dict[str, int] = {}
         self._braking = False
@@ -62,18 +61,13 @@ class CollisionMonitor:
             accuracy: of what is seen.
         """
         step = memory.step
-        old = [made for made in self._expected if made <= step - LOOK_BACK_STEPS]
-        expected = self._expected[max(old)] if old else {}
-        ahead = step - max(old, default=step)
-        stopping_s = self._stopping_s(float(memory.state(self._robot)[3]))
-        for robot in memory.robots:
-            if robot != self._robot and robot in expected and ahead + 1 < len(expected[robot]):
-                state = memory.state(robot)
-                if self._off_m(expected[robot], ahead, state, accuracy, stopping_s) > TOLERANCE_M:
+        made = max((made for made in self._expected if made <= step - LOOK_BACK_STEPS), default=None)
+        if made is not None:
+            for robot in self._expected[made].keys() & set(memory.robots) - {self._robot}:
+                path = self._expected[made][robot][step - made : step - made + 2]
+                if len(path) == 2 and self._off_m(path, memory, robot, accuracy) > TOLERANCE_M:
                     self._departed[robot] = step
-        self._expected = {
-            made: paths for made, paths in self._expected.items() if made >= max(old, default=0)
-        }
+            self._expected = {each: paths for each, paths in self._expected.items() if each >= made}
         if prediction is not None and prediction.solved:
             self._expected[step] = prediction.paths
 
@@ -86,38 +80,34 @@ class CollisionMonitor:
             first: the input that would be driven at this step.
             previous: the input of the step before.
         """
-        doubted = [robot for robot in memory.robots if self._doubts(robot, memory.step)]
+        since = memory.step - DOUBTED_STEPS
+        doubted = [robot for robot in memory.robots if self._departed.get(robot, -math.inf) >= since]
         must = bool(doubted) and self._is_danger(memory, doubted, plan, first, previous)
         self.interventions += must and not self._braking
         self._braking = must
         return must
 
-    def _doubts(self, robot: str, step: int) -> bool:
-        return robot in self._departed and step - self._departed[robot] <= DOUBTED_STEPS
+    def _off_m(self, expected: Array, memory: Memory, robot: str, accuracy: Accuracy) -> float:
+        """By how much a robot will be elsewhere than expected, beyond what noise explains.
 
-    def _stopping_s(self, speed_mps: float) -> float:
-        """About how long this robot takes to come to a stand."""
-        limits = self._scene.robot(self._robot).limits
-        return abs(speed_mps) / limits.acceleration_mps2 + limits.acceleration_mps2 / limits.jerk_mps3
-
-    def _off_m(
-        self, expected: Array, ahead: int, state: Array, accuracy: Accuracy, stopping_s: float
-    ) -> float:
-        """By how much a robot will be elsewhere than expected after a time, beyond what noise explains."""
-        expected_velocity = (expected[ahead + 1] - expected[ahead]) / self._scene.step_s
+        That is when this robot has come to a stand; ``expected`` are positions (2, 2) now and a step later.
+        """
+        state, own_speed_mps = memory.state(robot), float(memory.state(self._robot)[3])
+        stopping_s = abs(own_speed_mps) / self._limits.acceleration_mps2 + _ramp_s(self._limits)
+        expected_velocity = (expected[1] - expected[0]) / self._scene.step_s
         off_mps = math.dist(expected_velocity, velocity(state))
-        off_m = math.dist(expected[ahead], state[:2]) + stopping_s * off_mps
+        off_m = math.dist(expected[0], state[:2]) + stopping_s * off_mps
         noise_mps = accuracy.speed_mps + abs(float(state[3])) * accuracy.heading_rad
         return off_m - SIGMAS * (accuracy.position_m + stopping_s * noise_mps)
 
     def _is_danger(
         self, memory: Memory, others: list[str], plan: Plan, first: Input, previous: Input
     ) -> bool:
-        step_s, limits = self._scene.step_s, self._scene.robot(self._robot).limits
+        step_s, limits = self._scene.step_s, self._limits
         state = memory.state(self._robot)
         at_once = braking_path(state, previous, limits, step_s)
-        steps = min(len(at_once) + 1, len(plan.states))
         least_m = np.array([self._scene.collision_distance_m(self._robot, other) for other in others])
+        steps = min(len(at_once) + 1, len(plan.states))
         ways = self._ways(memory, others, steps)
         planned = gaps_m(plan.states[:steps, :2], ways, least_m)
         if planned.min() >= 0.0:
@@ -132,13 +122,65 @@ class CollisionMonitor:
         """Positions of the others if they go on, and if they brake, shape (2, others, steps, 2)."""
         states = np.array([memory.state(other) for other in others])
         turns = np.array([memory.previous_input(other).turn_rate_radps for other in others])
-        slowing = np.array([self._scene.robot(other).limits.acceleration_mps2 for other in others])
-        return np.stack(
-            [
-                positions_ahead(states, turns, np.zeros(len(others)), steps, self._scene.step_s),
-                positions_ahead(states, turns, slowing, steps, self._scene.step_s),
-            ]
+        braking = np.array([self._scene.robot(other).limits.acceleration_mps2 for other in others])
+        step_s = self._scene.step_s
+        slowing = (np.zeros(len(others)), braking)
+        return np.stack([positions_ahead(states, turns, each, steps, step_s) for each in slowing])
+
+
+class Vigilance:
+    """Watches out for robots that should be seen: when one that could be in the way is not, it is to stop.
+
+    Args:
+        scene: limits and distances.
+        robot: who looks.
+    """
+
+    def __init__(self, scene: Scene, robot: str) -> None:
+        self._scene = scene
+        self._robot = robot
+        self._last: dict[str, tuple[int, Array]] = {}
+        """Of everybody seen lately, the step and the state."""
+
+    def look(self, memory: Memory, age_steps: int = 0) -> None:
+        """Take in who was seen; to be called once a step.
+
+        Args:
+            memory: with what is seen now.
+            age_steps: how old the view of the others is: who was seen so long ago is seen.
+        """
+        step = memory.step
+        for robot in memory.robots:
+            if robot != self._robot:
+                seen_step = min(step, step - memory.unseen_steps(robot) + age_steps)
+                self._last[robot] = seen_step, memory.state(robot).copy()
+        self._last = {robot: last for robot, last in self._last.items() if step - last[0] <= GONE_STEPS}
+
+    def is_blind(self, memory: Memory) -> bool:
+        """Whether somebody that was not seen for long could be in the way: then the robot has to stop."""
+        return any(
+            memory.step - seen_step > BLIND_STEPS and self._could_meet(memory, robot, state)
+            for robot, (seen_step, state) in self._last.items()
         )
+
+    def _could_meet(self, memory: Memory, robot: str, state: Array) -> bool:
+        own = memory.state(self._robot)
+        apart = state[:2] - own[:2]
+        distance_m = float(np.hypot(*apart))
+        safety_m = self._scene.safety_distance_m(self._robot, robot) + MOST_CAUTION_M
+        approaches = float((velocity(state) - velocity(own)) @ apart) < 0.0
+        reach_m = self._stopping_m(self._robot, own) + self._stopping_m(robot, state)
+        return distance_m < safety_m or (approaches and distance_m < safety_m + reach_m)
+
+    def _stopping_m(self, robot: str, state: Array) -> float:
+        """About how far a robot drives until it stands."""
+        limits, speed_mps = self._scene.robot(robot).limits, abs(float(state[3]))
+        return speed_mps * _ramp_s(limits) + speed_mps**2 / (2.0 * limits.acceleration_mps2)
+
+
+def _ramp_s(limits: Limits) -> float:
+    """How long it takes to brake at full."""
+    return limits.acceleration_mps2 / limits.jerk_mps3
 
 
 def braking_path(state: Array, previous: Input, limits: Limits, step_s: float) -> Array:
@@ -190,62 +232,6 @@ def gaps_m(path: Array, ways: Array, least_m: Array) -> Array:
     Returns:
         Shape (h, m).
     """
-    steps = ways.shape[2]
-    own = path[np.minimum(np.arange(steps), len(path) - 1)]
+    own = path[np.minimum(np.arange(ways.shape[2]), len(path) - 1)]
     gaps: Array = np.linalg.norm(ways - own, axis=-1).min(axis=-1) - least_m
     return gaps
-
-
-class Vigilance:
-    """Remembers everybody that was seen lately.
-
-    Args:
-        scene: limits and distances.
-        robot: who looks.
-    """
-
-    def __init__(self, scene: Scene, robot: str) -> None:
-        self._scene = scene
-        self._robot = robot
-        self._last: dict[str, tuple[int, Array]] = {}
-
-    def look(self, memory: Memory, age_steps: int = 0) -> None:
-        """Take in who was seen; to be called once a step.
-
-        Args:
-            memory: with what is seen now.
-            age_steps: how old the view of the others is: who was seen so long ago is seen.
-        """
-        for robot in memory.robots:
-            if robot != self._robot:
-                seen_step = min(memory.step, memory.step - memory.unseen_steps(robot) + age_steps)
-                self._last[robot] = seen_step, memory.state(robot).copy()
-        self._last = {
-            robot: (seen_step, state)
-            for robot, (seen_step, state) in self._last.items()
-            if memory.step - seen_step <= GONE_STEPS
-        }
-
-    def is_blind(self, memory: Memory) -> bool:
-        """Whether somebody that was not seen for long could be in the way: then the robot has to stop."""
-        return any(
-            memory.step - seen_step > BLIND_STEPS and self._could_meet(memory, robot, state)
-            for robot, (seen_step, state) in self._last.items()
-        )
-
-    def _could_meet(self, memory: Memory, robot: str, state: Array) -> bool:
-        own = memory.state(self._robot)
-        apart = state[:2] - own[:2]
-        distance_m = float(np.hypot(*apart))
-        safety_m = self._scene.safety_distance_m(self._robot, robot) + MOST_CAUTION_M
-        if distance_m < safety_m:
-            return True
-        approaches = float((velocity(state) - velocity(own)) @ apart) < 0.0
-        reach_m = self._stopping_m(self._robot, own) + self._stopping_m(robot, state)
-        return approaches and distance_m < safety_m + reach_m
-
-    def _stopping_m(self, robot: str, state: Array) -> float:
-        """About how far a robot drives until it stands."""
-        limits, speed_mps = self._scene.robot(robot).limits, abs(float(state[3]))
-        ramp_s = limits.acceleration_mps2 / limits.jerk_mps3
-        return speed_mps * ramp_s + speed_mps**2 / (2.0 * limits.acceleration_mps2)

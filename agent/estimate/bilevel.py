@@ -20,10 +20,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.estimate.window import WindowStarts, ahead, goals_at, inside, window_length, window_of
+from agent.estimate.window import Window, WindowStarts, ahead, goals_at, inside, problem_from, window_of
 from agent.remember.memory import Memory
 from agent.solve.deadline import Deadline
-from agent.solve.problem import JointProblem, Solution, Start, joint_problem
+from agent.solve.problem import JointProblem, Solution, Start
 from agent.solve.realtime.solver import RealTimeSolver, Response, respond
 from agent.solve.vehicle import Array, rollout
 from protocol.scene import Area, Scene
@@ -76,41 +76,32 @@ class Bilevel:
     def _estimate_one(self, memory: Memory, robot: str) -> Array:
         """The position (2,) of a robot's goal."""
         last = self._goals.get(robot, ahead(self._scene.area, memory.state(robot)))
-        length = window_length(memory, [robot], self._scene)
-        if not length:
+        window = window_of(memory, [robot], self._scene)
+        if window is None:
             return last
-        forward = ForwardProblem(self._scene, memory, robot, length)
-        starts = self._starts[robot]
-        start = starts.start(forward.of(last), [robot], forward.window, memory.step - length)
+        forward, starts = ForwardProblem(self._scene, memory, window), self._starts[robot]
+        start = starts.start(forward.of(last), window)
         goal, solution = fitted(forward, last, start, self._scene.area)
-        if solution is None:
-            starts.forget()
-        else:
-            starts.keep([robot], solution)
+        starts.keep(window, solution)
         return goal
 
 
 class ForwardProblem:
-    """The lower level: eq. 1 of one robot, begun so many steps ago, as a function of its goal."""
+    """The lower level: eq. 1 of one robot, from where a window of its driving begins, for any goal."""
 
-    def __init__(self, scene: Scene, memory: Memory, robot: str, length: int) -> None:
+    def __init__(self, scene: Scene, memory: Memory, window: Window) -> None:
         self._scene = scene
-        self._robot = robot
-        self.window = window_of(memory, [robot], length, scene.step_s)
-        steps = scene.horizons.prediction_steps
+        self.window = window
+        length, steps = window.states.shape[1], scene.horizons.prediction_steps
         self._others = {
             other: _path(memory.states(other, length + 1), length, steps, scene.step_s)
             for other in memory.robots
-            if other != robot
+            if other not in window.robots
         }
 
     def of(self, goal: Array) -> JointProblem:
         """For a goal at that position (2,), its heading the present one."""
-        here, window = self._robot, self.window
-        state = np.array([*goal, window.states[0, -1, 2], 0.0])
-        return joint_problem(
-            self._scene, {here: window.begin[0]}, {here: state}, self._others, {here: window.before[0]}
-        )
+        return problem_from(self._scene, self.window, goal[None], self._others)
 
     def respond(self, goal: Array, start: Start) -> Response:
         """Solve to convergence, then find how the solution moves with the goal."""
@@ -131,12 +122,11 @@ class ForwardProblem:
         )
 
 
-def fitted(forward: ForwardProblem, last: Array, start: Start, area: Area) -> tuple[Array, Solution | None]:
+def fitted(forward: ForwardProblem, last: Array, start: Start, area: Area) -> tuple[Array, Solution]:
     """The upper level: improve an estimate (2,) by Levenberg–Marquardt.
 
     Returns:
-        The estimate and the forward problem's solution for it; None, and the old estimate, where the forward
-        problem was not solved for that.
+        The estimate and the forward problem's solution for it; both old, where that could not be solved.
     """
     goal, response = last, forward.respond(last, start)
     here, damping = forward.misfit(response, goal, last), FIRST_DAMPING
@@ -147,7 +137,7 @@ def fitted(forward: ForwardProblem, last: Array, start: Start, area: Area) -> tu
         if other.solution.solved and misfit.value < here.value:
             goal, response, here = arrived, other, misfit
     if not response.solution.solved:
-        return last, None
+        return last, response.solution
     for _ in range(ITERATIONS):
         change = np.linalg.solve(here.curvature + damping * np.eye(2), -here.gradient)
         there = inside(area, goal + change)

@@ -32,29 +32,19 @@ class ConstantAcceleration:
     def path(self, memory: Memory, robot: str) -> Array:
         """Positions (K + 1, 2) of one robot at the present and the next K stages, in the area or not."""
         limits = self._scene.robot(robot).limits
-        return _speeding_up(
-            memory.state(robot),
-            memory.previous_input(robot).acceleration_mps2,
-            limits.speed_mps,
-            limits.acceleration_mps2,
-            limits.jerk_mps3,
-            self._scene.horizons.prediction_steps,
-            self._scene.step_s,
-        )
+        acceleration = memory.previous_input(robot).acceleration_mps2
+        highest = (limits.speed_mps, limits.acceleration_mps2, limits.jerk_mps3)
+        steps, step_s = self._scene.horizons.prediction_steps, self._scene.step_s
+        return _speeding_up(memory.state(robot), acceleration, highest, steps, step_s)
 
 
 @kernel
 def _speeding_up(
-    state: Array,
-    acceleration: float,
-    speed_limit: float,
-    acceleration_limit: float,
-    jerk_limit: float,
-    steps: int,
-    step_s: float,
+    state: Array, acceleration: float, highest: tuple[float, float, float], steps: int, step_s: float
 ) -> Array:
-    """Positions (K + 1, 2) driving straight on, ever faster in the direction of motion up to the limits."""
+    """Positions (K + 1, 2) straight on, ever faster up to the highest speed, acceleration and jerk."""
     x, y, heading, speed = state
+    speed_limit, acceleration_limit, jerk_limit = highest
     positions = np.empty((steps + 1, 2))
     positions[0] = state[:2]
     direction = -1.0 if speed < 0.0 else 1.0

@@ -24,7 +24,6 @@ from agent.estimate.window import (
     goals_at,
     inside,
     problem_from,
-    window_length,
     window_of,
 )
 from agent.remember.memory import Memory
@@ -74,14 +73,13 @@ class JointFit:
             robot: self._beliefs[robot] if robot in self._beliefs else self._first(memory.state(robot))
             for robot in robots
         }
-        length = window_length(memory, robots, self._scene)
-        if length:
-            window = window_of(memory, robots, length, self._scene.step_s)
-            self._fit(robots, window, memory.step - length)
-            self._place_standing(robots, window)
+        window = window_of(memory, robots, self._scene)
+        if window:
+            self._fit(window)
+            self._place_standing(window)
         return goals_at(self._scene, memory, {robot: self._beliefs[robot].mean for robot in robots})
 
-    def _place_standing(self, robots: Sequence[str], window: Window) -> None:
+    def _place_standing(self, window: Window) -> None:
         """Who stands has come to its goal, or will show another one by driving on.
 
         The fit cannot find that out: to a goal far away a robot drives off as hard as its limits allow, and
@@ -89,25 +87,23 @@ class JointFit:
         """
         if window.states.shape[1] < STANDING_STEPS:
             return
-        for robot, states in zip(robots, window.states, strict=True):
+        for robot, states in zip(window.robots, window.states, strict=True):
             if np.abs(states[-STANDING_STEPS:, 3]).max() < STANDING_MPS:
                 self._beliefs[robot] = Belief(states[-1, :2].copy(), self._beliefs[robot].covariance)
 
     def _first(self, state: Array) -> Belief:
         return Belief(ahead(self._scene.area, state), AHEAD_SIGMA_M**2 * np.eye(2))
 
-    def _fit(self, robots: Sequence[str], window: Window, begin: int) -> None:
-        """Improve the beliefs by a window that begins at that step."""
-        prior, information = _prior([self._beliefs[robot] for robot in robots])
+    def _fit(self, window: Window) -> None:
+        """Improve the beliefs by a window."""
+        prior, information = _prior([self._beliefs[robot] for robot in window.robots])
         length = window.states.shape[1]
-        problem = problem_from(self._scene, robots, window, prior)
-        start = self._starts.start(problem, robots, window, begin)
+        problem = problem_from(self._scene, window, prior)
+        start = self._starts.start(problem, window)
         response = respond(problem, start, length if start.warm else 0, TOLERANCE)
-        if not response.solution.solved:
-            self._starts.forget()
-            return
-        self._starts.keep(robots, response.solution)
-        if not start.warm:  # one iteration is not enough to be the solution for these goals
+        self._starts.keep(window, response.solution)
+        # One iteration from a cold start is not enough to be the solution for these goals.
+        if not response.solution.solved or not start.warm:
             return
         missing = window.states - response.solution.states[:, 1 : length + 1]
         means, covariance = gauss_newton(prior, information, response.by_goal, missing)
@@ -116,7 +112,7 @@ class JointFit:
                 inside(self._scene.area, means[index]),
                 covariance[2 * index : 2 * index + 2, 2 * index : 2 * index + 2],
             )
-            for index, robot in enumerate(robots)
+            for index, robot in enumerate(window.robots)
         }
 
 

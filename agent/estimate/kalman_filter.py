@@ -27,11 +27,10 @@ from agent.estimate.window import (
     goals_at,
     inside,
     problem_from,
-    window_length,
     window_of,
 )
 from agent.remember.memory import Memory
-from agent.solve.problem import Solution, Start
+from agent.solve.problem import JointProblem, Solution, Start
 from agent.solve.realtime.solver import respond
 from agent.solve.vehicle import Array
 from protocol.scene import Scene
@@ -101,10 +100,9 @@ class KalmanFilter:
         """See :class:`agent.estimate.goals.GoalEstimator`."""
         self._keep_to(memory)
         self._covariance += WALK_M**2 * np.eye(len(self._mean))
-        length = window_length(memory, self._robots, self._scene)
-        if length:
-            window = window_of(memory, self._robots, length, self._scene.step_s)
-            self._measure(window, memory.step - length)
+        window = window_of(memory, self._robots, self._scene)
+        if window:
+            self._measure(window)
         means = dict(zip(self._robots, self._mean.reshape(-1, 2), strict=True))
         return goals_at(self._scene, memory, means)
 
@@ -121,43 +119,38 @@ class KalmanFilter:
         covariance[np.ix_(here, here)] = self._covariance[np.ix_(there, there)]
         self._robots, self._mean, self._covariance = robots, mean.ravel(), covariance
 
-    def _measure(self, window: Window, begin: int) -> None:
-        """Update by where robots are at the end of a window that begins at that step.
+    def _measure(self, window: Window) -> None:
+        """Update by where robots are at the end of a window.
 
         Where the joint problem is not solved for every sigma point, nothing was measured.
         """
         points = sigma_points(self._mean, self._covariance)
-        central = self._central(points[0], window, begin)
+        start = self._starts.start(self._problem(window, points[0]), window)
+        for _ in range(ROUNDS if start.warm else COLD_ROUNDS):
+            central = self._improved(window, points[0], start)
+            start = central.start()
+            if not central.solved:
+                break
         solutions = [central]
         for point in points[1:]:
             if not solutions[-1].solved:
                 break
-            solutions.append(self._improved(point, window, central.start()))
+            solutions.append(self._improved(window, point, start))
         if not solutions[-1].solved:
-            self._starts.forget()
+            self._starts.keep(window, solutions[-1])  # which is not solved, so the next one starts cold
             return
-        stage = window.states.shape[1]
-        images = np.array([solution.states[:, stage].ravel() for solution in solutions])
+        images = np.array([each.states[:, window.states.shape[1]].ravel() for each in solutions])
         variances = np.tile(SIGMAS**2, len(self._robots))
         mean, self._covariance = updated(points, images, window.states[:, -1].ravel(), variances)
         self._mean = np.array([inside(self._scene.area, goal) for goal in mean.reshape(-1, 2)]).ravel()
-        self._starts.keep(self._robots, central)
+        self._starts.keep(window, central)
 
-    def _central(self, mean: Array, window: Window, begin: int) -> Solution:
-        """The joint problem for the mean, improved from the last window's solution."""
-        problem = problem_from(self._scene, self._robots, window, mean.reshape(-1, 2))
-        start = self._starts.start(problem, self._robots, window, begin)
-        for _ in range(ROUNDS if start.warm else COLD_ROUNDS):
-            solution = respond(problem, start, 0).solution
-            start = solution.start()
-            if not solution.solved:
-                break
-        return solution
+    def _problem(self, window: Window, goals: Array) -> JointProblem:
+        return problem_from(self._scene, window, goals.reshape(-1, 2))
 
-    def _improved(self, goals: Array, window: Window, start: Start) -> Solution:
-        return respond(
-            problem_from(self._scene, self._robots, window, goals.reshape(-1, 2)), start, 0
-        ).solution
+    def _improved(self, window: Window, goals: Array, start: Start) -> Solution:
+        """The joint problem's solution for goals (2N,), a single step of the solver nearer."""
+        return respond(self._problem(window, goals), start, 0).solution
 
 
 def _places(robots: Sequence[str], chosen: Sequence[str]) -> list[int]:

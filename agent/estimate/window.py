@@ -1,4 +1,4 @@
-"""The last steps of all robots, and the joint problem (eq. 7) that says how they would have driven them."""
+"""The last steps of robots, and the joint problem (eq. 7) that says how they would have driven them."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -24,37 +24,36 @@ AHEAD_SIGMA_M = 4.0
 
 
 class Window(NamedTuple):
-    """What was seen of all robots over K_w steps."""
+    """What was seen of N robots over K_w steps."""
 
+    robots: Sequence[str]
+    step: int
+    """At which it begins."""
     begin: Array
-    """States before the first of them, shape (N, 4)."""
+    """States then, shape (N, 4)."""
     before: list[Input]
-    """The inputs that had led there."""
+    """The inputs that had led there; of a robot that was not seen before, none."""
     states: Array
-    """Shape (N, K_w, 4)."""
+    """At the steps after that, shape (N, K_w, 4)."""
     inputs: Array
-    """Shape (N, K_w, 2)."""
+    """That led there, shape (N, K_w, 2)."""
 
 
-def window_length(memory: Memory, robots: Sequence[str], scene: Scene) -> int:
-    """How many steps can be explained: K_w, or as many as these robots were seen and a problem goes ahead.
+def window_of(memory: Memory, robots: Sequence[str], scene: Scene) -> Window | None:
+    """The last K_w steps, or as many as all these robots were seen and a problem goes ahead.
 
     Returns:
-        Zero where it is so few that nothing shows.
+        None where they are so few that nothing shows.
     """
     most = min(WINDOW, scene.horizons.prediction_steps)
     length = min(len(memory.states(robot, most + 1)) - 1 for robot in robots)
-    return length if length >= LEAST_WINDOW else 0
-
-
-def window_of(memory: Memory, robots: Sequence[str], length: int, step_s: float) -> Window:
-    """The last so many steps of robots that were seen at least one step longer.
-
-    A robot that was not seen before them is taken to have driven without input.
-    """
+    if length < LEAST_WINDOW:
+        return None
     tracks = [memory.states(robot, length + 2) for robot in robots]
-    inputs = [recovered_inputs(track, step_s) for track in tracks]
+    inputs = [recovered_inputs(track, scene.step_s) for track in tracks]
     return Window(
+        robots=robots,
+        step=memory.step - length,
         begin=np.array([track[-length - 1] for track in tracks]),
         before=[Input(*each[0].tolist()) if len(each) > length else STANDSTILL for each in inputs],
         states=np.array([track[-length:] for track in tracks]),
@@ -80,19 +79,19 @@ def goals_at(scene: Scene, memory: Memory, positions: Mapping[str, Array]) -> di
     }
 
 
-def problem_from(scene: Scene, robots: Sequence[str], window: Window, goals: Array) -> JointProblem:
-    """The joint problem from where a window begins, for goals at these positions (N, 2).
+def problem_from(
+    scene: Scene, window: Window, goals: Array, others: Mapping[str, Array] = {}
+) -> JointProblem:
+    """The problem from where a window begins, for goals at these positions (N, 2) and with present headings.
 
-    Of a goal's heading nothing is known, so it is the present one.
+    ``others`` are paths (K + 1, 2) of robots that are obstacles.
     """
     headings = window.states[:, -1, 2:3]
-    return joint_problem(
-        scene,
-        dict(zip(robots, window.begin, strict=True)),
-        dict(zip(robots, np.concatenate([goals, headings, np.zeros_like(headings)], axis=1), strict=True)),
-        {},
-        dict(zip(robots, window.before, strict=True)),
+    states = np.concatenate([goals, headings, np.zeros_like(headings)], axis=1)
+    begin, goal, before = (
+        dict(zip(window.robots, each, strict=True)) for each in (window.begin, states, window.before)
     )
+    return joint_problem(scene, begin, goal, others, before)
 
 
 class WindowStarts:
@@ -100,21 +99,20 @@ class WindowStarts:
 
     def __init__(self) -> None:
         self._starts = WarmStarts()
-        self._begin = 0
+        self._step = 0
 
-    def start(self, problem: JointProblem, robots: Sequence[str], window: Window, begin: int) -> Start:
-        """What was driven and, from the present on, the last solution; the window begins at that step."""
-        if begin < self._begin:  # a robot that was seen only briefly has gone
+    def start(self, problem: JointProblem, window: Window) -> Start:
+        """What was driven and, from the present on, the last solution."""
+        if window.step < self._step:  # a robot that was seen only briefly has gone
             self._starts.forget()
-        start = self._starts.starts(problem, robots, max(begin - self._begin, 0))[0]
-        self._begin = begin
+        start = self._starts.starts(problem, window.robots, max(window.step - self._step, 0))[0]
+        self._step = window.step
         start.inputs[:, : window.inputs.shape[1]] = window.inputs
         return start
 
-    def keep(self, robots: Sequence[str], solution: Solution) -> None:
-        """Remember the solution for that window."""
-        self._starts.keep(robots, solution)
-
-    def forget(self) -> None:
-        """Start cold next time."""
-        self._starts.forget()
+    def keep(self, window: Window, solution: Solution) -> None:
+        """Remember the solution for that window; where it is not solved, start cold next time."""
+        if solution.solved:
+            self._starts.keep(window.robots, solution)
+        else:
+            self._starts.forget()

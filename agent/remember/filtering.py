@@ -21,7 +21,7 @@ from agent.solve.compiled import kernel
 from agent.solve.vehicle import Array
 from protocol.vehicle import Limits
 
-EXACT = np.array([1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4])
+EXACT = np.full(6, 1e-4)
 """No measurement is taken for more exact than this, in m, rad, m/s, rad/s and m/s²."""
 ANYWHERE = np.array([10.0, 10.0, math.pi, 10.0])
 """σ of a state before its first measurement, around the latter."""

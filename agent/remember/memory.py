@@ -1,4 +1,4 @@
-"""What one robot remembers: the last observed states of every robot it has seen."""
+"""What one robot remembers: the last states of every robot it has seen."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -19,6 +19,10 @@ from protocol.vehicle import STANDSTILL, Input, Limits
 
 INPUT_ACCURACY = 0.01
 """σ of an input that is known because it was commanded, relative to its limit."""
+LONGEST_GAP = 10
+"""Steps for which an unseen robot is taken to go on as it was; after that it counts as gone."""
+MOST_CAUTION_M = 0.5
+"""A robot that nobody sees may be anywhere; more distance than this would only block the way."""
 
 
 class Track:
@@ -28,21 +32,19 @@ class Track:
     and smoothed, each step anew over the whole window. Since the last measurement the robot is taken to have
     gone on with its last input.
 
+    Args:
+        step: of the first measurement; all robots stand at step 0.
+        state: as measured, shape (4,).
+        sigmas: its standard deviations, zero for exact, shape (4,).
+        limits: of the robot.
+        step_s: Δt.
+
     Attributes:
         seen_step: step of the last measurement.
         states: up to the present, headings without jumps by whole turns, shape (n, 4).
     """
 
     def __init__(self, step: int, state: Array, sigmas: Array, limits: Limits, step_s: float) -> None:
-        """Begin with a first measurement.
-
-        Args:
-            step: at which it was made; all robots stand at step 0.
-            state: measured, shape (4,).
-            sigmas: its standard deviations, zero for exact, shape (4,).
-            limits: of the robot.
-            step_s: Δt.
-        """
         self.seen_step = step
         self.states = state[None]
         self._limits = limits
@@ -74,13 +76,9 @@ class Track:
         return Input(*found.tolist())
 
     def see(self, step: int, state: Array, sigmas: Array, driven: Input | None) -> None:
-        """Take in a later measurement; ``go_on`` brings the states up to date.
+        """Take in a later measurement, and the input that led there if it is known.
 
-        Args:
-            step: at which it was made.
-            state: measured, shape (4,).
-            sigmas: its standard deviations, shape (4,).
-            driven: the input that led there, where it is known.
+        :meth:`go_on` brings the states up to date.
         """
         gap, last = step - self.seen_step - 1, self._values[-1]
         values, accuracy = np.append(state, [0.0, 0.0]), np.append(sigmas, [np.inf, np.inf])
@@ -124,18 +122,20 @@ class Track:
         return states
 
 
-LONGEST_GAP = 10
-"""Steps for which an unseen robot is taken to go on as it was; after that it counts as gone."""
-
-MOST_CAUTION_M = 0.5
-"""A robot that nobody sees may be anywhere; more distance than this would only block the way."""
-
-
 class Memory:
     """A fixed window of states per robot, one state a step, headings without jumps by whole turns.
 
     What was measured earlier belongs to that earlier step, and noisy measurements are smoothed
-    (:class:`agent.remember.memory.Track`); whoever reads the states sees nothing of that.
+    (:class:`Track`); whoever reads the states sees nothing of that.
+
+    Args:
+        window: states a robot, at least.
+        step_s: Δt.
+        owner: the robot that remembers, whose own measurements are never old.
+        limits_of: limits of each robot.
+
+    Attributes:
+        step: the newest step seen; −1 before the first observation.
     """
 
     def __init__(
@@ -146,21 +146,12 @@ class Memory:
         owner: str | None = None,
         limits_of: Callable[[str], Limits] = lambda _: Limits(),
     ) -> None:
-        """Remember states taken every ``step_s`` seconds.
-
-        Args:
-            window: so many a robot at least.
-            step_s: Δt.
-            owner: the robot that remembers, whose own measurements are never old.
-            limits_of: limits of each robot.
-        """
         self._window = max(window, LONGEST_GAP + 2)
         self._step_s = step_s
         self._owner = owner
         self._limits_of = limits_of
         self._tracks: dict[str, Track] = {}
         self.step = -1
-        """The newest step seen; −1 before the first observation."""
 
     def remember(
         self,
@@ -181,8 +172,7 @@ class Memory:
             driven: the owner's input at the step before, if it is known.
 
         Returns:
-            False for a step not newer than the last one: repeated, old and out-of-order observations change
-            nothing.
+            False for a step not newer than the last one, which changes nothing.
         """
         if step <= self.step:
             return False
@@ -200,6 +190,17 @@ class Memory:
                 track.go_on(step, self._window)
         return True
 
+    def _see(self, robot: str, step: int, state: Array, sigmas: Array, driven: Input | None) -> None:
+        track = self._tracks.get(robot)
+        if track is None or step - track.seen_step - 1 > LONGEST_GAP:
+            self._tracks[robot] = Track(step, state, sigmas, self._limits_of(robot), self._step_s)
+        elif step > track.seen_step:
+            track.see(step, state, sigmas, driven)
+
+    def forget(self, robot: str) -> None:
+        """What was seen of a robot so far does not count any more."""
+        self._tracks.pop(robot, None)
+
     @property
     def robots(self) -> list[str]:
         """All robots present, in an order that does not depend on who was seen first."""
@@ -211,7 +212,7 @@ class Memory:
         return state
 
     def present(self) -> dict[str, Array]:
-        """The newest state of every robot, shape (4,)."""
+        """The present state of every robot, shape (4,)."""
         return {robot: self.state(robot) for robot in self._tracks}
 
     def states(self, robot: str, count: int) -> Array:
@@ -236,23 +237,10 @@ class Memory:
         unseen_s = self.unseen_steps(robot) * self._step_s
         return min(self._limits_of(robot).acceleration_mps2 * unseen_s**2 / 2.0, MOST_CAUTION_M)
 
-    def forget(self, robot: str) -> None:
-        """What was seen of a robot so far does not count any more."""
-        self._tracks.pop(robot, None)
-
     def is_exact(self, robot: str) -> bool:
         """Whether a robot was last seen without noise."""
         return self._tracks[robot].is_exact
 
     def is_certain(self, robot: str) -> bool:
         """Whether a robot's present state was seen, and without noise: then all others may see the same."""
-        track = self._tracks[robot]
-        return track.is_exact and track.seen_step == self.step
-
-    def _see(self, robot: str, step: int, state: Array, sigmas: Array, driven: Input | None) -> None:
-        track = self._tracks.get(robot)
-        if track is None or step - track.seen_step - 1 > LONGEST_GAP:
-            limits = self._limits_of(robot)
-            self._tracks[robot] = Track(step, state, sigmas, limits, self._step_s)
-        elif step > track.seen_step:
-            track.see(step, state, sigmas, driven)
+        return self.is_exact(robot) and not self.unseen_steps(robot)

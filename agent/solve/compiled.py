@@ -72,15 +72,14 @@ def _module(path: Path) -> str:
     return ".".join((_PACKAGE.name, *path.relative_to(_PACKAGE).with_suffix("").parts))
 
 
-def _processor() -> tuple[str, ...]:
-    """As numba itself tells processors apart: kind of machine, name, features."""
-    told: tuple[str, ...] = cpu_target.target_context.codegen().magic_tuple()
-    return told
-
-
 def processor() -> str:
     """The processor for which kernels are compiled, for people."""
-    return _processor()[1]
+    return str(_target()[1])
+
+
+def _target() -> tuple[str, ...]:
+    """As numba itself tells processors apart: kind of machine, name, features."""
+    return cast(tuple[str, ...], cpu_target.target_context.codegen().magic_tuple())
 
 
 def _state() -> str:
@@ -89,7 +88,7 @@ def _state() -> str:
     numba alone would keep a kernel although a function or a constant in another file has changed.
     """
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources()))
-    digest.update(repr((numba.__version__, sys.implementation.cache_tag, _processor())).encode())
+    digest.update(repr((numba.__version__, sys.implementation.cache_tag, _target())).encode())
     return f"kernels-{digest.hexdigest()[:16]}"
 
 

@@ -139,7 +139,7 @@ def test_a_plan_also_says_what_to_drive_at_the_step_after():
     assert moved[3] == pytest.approx(tuple(then), abs=1e-6)
 
 
-def test_failure_input_nothing_is_said_for_the_step_after(solver):
+def test_without_a_plan_nothing_is_said_for_the_step_after(solver):
     there = agent_of(Goal(x_m=A[0], y_m=A[1], heading_rad=0.0))
     parked = decided(there, 0, {"a": (*A[:3], 0.0), "b": B})
     assert parked.mind.arrived

@@ -4,18 +4,19 @@ import math
 
 import numpy as np
 import pytest
-from agent_helpers import STEP_S, euler
+from agent_helpers import STEP_S
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.remember.memory import LONGEST_GAP, Memory
+from agent.remember.memory import LONGEST_GAP, MOST_CAUTION_M, Memory
 from protocol.arrival import wrap_angle
-from protocol.vehicle import STANDSTILL
+from protocol.vehicle import STANDSTILL, Limits
 
 WINDOW = 17
+State = tuple[float, float, float, float]
 
 
-def moving(step: int, *, speed: float = 2.0) -> tuple[float, float, float, float]:
+def moving(step: int, *, speed: float = 2.0) -> State:
     """Along x from the origin, as eq. 8 with a constant speed has it."""
     return (speed * STEP_S * step, 0.0, 0.0, speed)
 
@@ -31,24 +32,17 @@ def snapshot(memory: Memory) -> tuple[int, dict[str, list[list[float]]]]:
     return memory.step, {robot: memory.states(robot, 100).tolist() for robot in memory.robots}
 
 
-@pytest.mark.parametrize("step", [4, 3, 0])
-def test_repeated_and_old_steps_change_nothing(step):
-    memory = memory_of(5, "a", "b")
-    before = snapshot(memory)
-    assert not memory.remember(step, {"a": (9.0, 9.0, 9.0, 9.0), "new": (1.0, 1.0, 1.0, 1.0)})
-    assert snapshot(memory) == before
-
-
-@given(st.permutations(range(12)))
-def test_out_of_order_steps_leave_what_the_newer_ones_said(order):
+@given(st.permutations([*range(12), *range(3)]))
+def test_old_repeated_and_out_of_order_steps_change_nothing(order):
     """Only those steps count that are newer than all before them."""
     shuffled, in_order = Memory(WINDOW, STEP_S), Memory(WINDOW, STEP_S)
     for place, step in enumerate(order):
-        newest = step == max(order[: place + 1])
-        assert shuffled.remember(step, {"a": moving(step)}) == newest
+        newest = step > max(order[:place], default=-1)
+        states = {"a": moving(step)} if newest else {"a": moving(99), "new": moving(0)}
+        assert shuffled.remember(step, states) == newest
         if newest:
-            in_order.remember(step, {"a": moving(step)})
-    assert snapshot(shuffled) == snapshot(in_order)
+            in_order.remember(step, states)
+        assert snapshot(shuffled) == snapshot(in_order)
 
 
 def test_only_the_window_is_remembered():
@@ -56,11 +50,7 @@ def test_only_the_window_is_remembered():
     states = memory.states("a", 10 * WINDOW)
     assert states.tolist() == [list(moving(step)) for step in range(2 * WINDOW, 3 * WINDOW)]
     assert memory.states("a", 3).tolist() == states[-3:].tolist()
-    assert memory.state("a").tolist() == states[-1].tolist()
-
-
-def test_fewer_states_are_given_when_fewer_are_known():
-    assert len(memory_of(3, "a").states("a", 10)) == 3
+    assert memory.state("a").tolist() == memory.present()["a"].tolist() == states[-1].tolist()
 
 
 @given(
@@ -85,43 +75,17 @@ def test_the_last_input_is_recovered_across_half_a_turn():
     assert memory.previous_input("a") == pytest.approx((1.0, -2.0))
 
 
-def test_an_unseen_robot_goes_on_at_its_speed_and_heading():
-    memory = memory_of(5, "a", "b")
-    for step in range(5, 8):
-        memory.remember(step, {"a": moving(step)})
-    np.testing.assert_allclose(memory.states("b", 4), [moving(step) for step in range(4, 8)])
-
-
 @pytest.mark.parametrize("gap", [1, LONGEST_GAP])
-def test_a_gap_is_filled_by_interpolation_once_the_robot_is_seen_again(gap):
-    memory = memory_of(5, "a", "b")
-    for step in range(5, 5 + gap):
-        memory.remember(step, {"a": moving(step)})
-    end = 5 + gap
-    turned = (moving(end)[0], 3.0, -0.9, 1.0)
-    memory.remember(end, {"a": moving(end), "b": turned})
-    expected = [
-        np.interp(np.arange(4, end + 1), [4, end], ends) for ends in zip(moving(4), turned, strict=True)
-    ]
-    np.testing.assert_allclose(memory.states("b", gap + 2), np.transpose(expected), atol=1e-12)
-    assert len(memory.states("b", 100)) == min(WINDOW, end + 1)
-
-
-def test_a_gap_is_filled_through_the_nearer_way_round():
+@pytest.mark.parametrize("skipped", [False, True], ids=["not seen", "steps skipped"])
+def test_a_gap_is_filled_by_interpolation_the_nearer_way_round_once_the_robot_is_seen_again(gap, skipped):
     memory = Memory(WINDOW, STEP_S)
-    memory.remember(0, {"a": (0.0, 0.0, 3.0, 0.0)})
-    memory.remember(2, {"a": (0.0, 0.0, -3.0, 0.0)})
-    assert memory.states("a", 3)[:, 2] == pytest.approx([3.0, math.pi, math.tau - 3.0])
-
-
-@pytest.mark.parametrize("seen_every_step", [True, False])
-@pytest.mark.parametrize(("gap", "is_remembered"), [(LONGEST_GAP, True), (LONGEST_GAP + 1, False)])
-def test_a_robot_unseen_for_too_long_is_gone(seen_every_step, gap, is_remembered):
-    """Whether observations without it came, or no observations at all."""
-    memory = memory_of(5, "a", "b")
-    for step in range(5, 5 + gap) if seen_every_step else [4 + gap]:
-        memory.remember(step, {"a": moving(step)})
-    assert memory.robots == (["a", "b"] if is_remembered else ["a"])
+    memory.remember(0, {"a": (0.0, 0.0, 3.0, 1.0)})
+    for step in () if skipped else range(1, gap + 1):
+        memory.remember(step, {})
+    memory.remember(gap + 1, {"a": (2.0, 3.0, -3.0, 0.0)})
+    begin, end = (0.0, 0.0, 3.0, 1.0), (2.0, 3.0, math.tau - 3.0, 0.0)
+    expected = np.linspace(begin, end, gap + 2)
+    np.testing.assert_allclose(memory.states("a", 100), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("absent_before", [0, LONGEST_GAP // 2, LONGEST_GAP])
@@ -140,7 +104,10 @@ def test_a_robot_that_comes_back_after_too_long_begins_anew(absent_before, misse
 
 @given(st.lists(st.tuples(st.integers(1, 2 * LONGEST_GAP), st.booleans()), min_size=1, max_size=12))
 def test_every_pattern_of_sightings_keeps_consecutive_states_that_agree_with_them(pattern):
-    """A robot at a constant speed: guesses, interpolations and sightings are then all the same."""
+    """A robot at a constant speed: guesses, interpolations and sightings are then all the same.
+
+    Unseen for longer than ``LONGEST_GAP`` it is gone, whether or not observations came meanwhile.
+    """
     memory = Memory(WINDOW, STEP_S)
     memory.remember(0, {"a": moving(0)})
     step, last = 0, 0
@@ -157,34 +124,13 @@ def test_every_pattern_of_sightings_keeps_consecutive_states_that_agree_with_the
             )
 
 
-def test_skipped_steps_are_filled_like_gaps():
-    """An agent that was too slow for some observations still has one state a step."""
-    inputs = [(0.1 * k, 0.5) for k in range(6)]
-    states = euler((0.0, 0.0, 0.0, 1.0), inputs)
-    memory = Memory(WINDOW, STEP_S)
-    for step in (0, 1, 4, 5):
-        memory.remember(step, {"a": states[step]})
-    filled = memory.states("a", 100)
-    assert len(filled) == 6
-    np.testing.assert_allclose(filled[[0, 1, 4, 5]], states[[0, 1, 4, 5]])
-    np.testing.assert_allclose(
-        filled[2:4], [(2 * states[1] + states[4]) / 3, (states[1] + 2 * states[4]) / 3]
-    )
-
-
-def test_new_robots_join_at_any_step():
-    memory = memory_of(5, "a")
-    memory.remember(5, {"a": moving(5), "b": moving(0)})
-    assert memory.robots == ["a", "b"]
-    assert memory.states("b", 10).tolist() == [list(moving(0))]
-
-
-def test_the_order_of_robots_does_not_depend_on_who_was_seen_first():
+def test_robots_join_at_any_step_and_their_order_does_not_depend_on_who_came_first():
     one, other = Memory(WINDOW, STEP_S), Memory(WINDOW, STEP_S)
     for step, ids in enumerate((["c"], ["c", "a"], ["b", "c", "a"])):
         one.remember(step, dict.fromkeys(ids, moving(step)))
     other.remember(0, dict.fromkeys(["b", "a", "c"], moving(0)))
     assert one.robots == other.robots == ["a", "b", "c"]
+    assert [len(one.states(robot, 100)) for robot in one.robots] == [2, 1, 3]
 
 
 def test_what_was_seen_is_copied():
@@ -193,3 +139,37 @@ def test_what_was_seen_is_copied():
     memory.remember(0, {"a": state})
     state[0] = 99.0
     assert memory.state("a").tolist() == [1.0, 2.0, 3.0, 4.0]
+
+
+def unseen_for(steps: int, *, limits: Limits | None = None, age_steps: int = 0) -> Memory:
+    """A robot that sees itself always, and b no more since step 3."""
+    memory = Memory(17, STEP_S, owner="a", limits_of=lambda _: limits or Limits())
+    for step in range(4 + steps):
+        seen = {"a": moving(0)} | ({"b": moving(0)} if step < 4 else {})
+        memory.remember(step, seen, age_steps=min(step, age_steps) if step < 4 else age_steps)
+    return memory
+
+
+@pytest.mark.parametrize(("steps", "age_steps"), [(0, 0), (1, 0), (LONGEST_GAP, 0), (0, 2), (3, 2)])
+def test_steps_since_a_robot_was_seen_are_counted_from_the_state_that_was_seen(steps, age_steps):
+    memory = unseen_for(steps, age_steps=age_steps)
+    assert memory.unseen_steps("b") == steps + age_steps
+    assert memory.unseen_steps("a") == 0
+
+
+def test_caution_is_how_far_an_acceleration_takes_a_robot_while_nobody_sees_it_up_to_a_limit():
+    assert unseen_for(4).caution_m("b") == pytest.approx(3.0 * 0.4**2 / 2.0)
+    assert unseen_for(4, limits=Limits(acceleration_mps2=0.5)).caution_m("b") == pytest.approx(0.04)
+    assert unseen_for(0).caution_m("b") == unseen_for(4).caution_m("a") == 0.0
+    assert unseen_for(LONGEST_GAP).caution_m("b") == MOST_CAUTION_M < 3.0 * (LONGEST_GAP * STEP_S) ** 2 / 2.0
+
+
+def test_a_robot_that_is_forgotten_begins_anew():
+    memory = unseen_for(2)
+    memory.forget("b")
+    memory.forget("stranger")
+    assert memory.robots == ["a"]
+    memory.remember(6, {"a": moving(0), "b": (5.0, 5.0, 1.0, 2.0)})
+    assert memory.states("b", 9).tolist() == [[5.0, 5.0, 1.0, 2.0]]
+    assert memory.previous_input("b") == STANDSTILL
+    assert memory.unseen_steps("b") == 0

@@ -105,27 +105,21 @@ def test_it_is_what_the_textbook_computes(seed, knows_inputs):
     np.testing.assert_array_equal(covariances[0], belief.covariance)
 
 
-@settings(max_examples=20)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32))
-def test_a_window_that_moves_on_says_the_same_of_the_present_as_all_measurements(seed):
+def test_a_window_that_moves_on_says_the_same_and_differences_of_states_are_inputs(seed):
+    """The same of the present as all measurements."""
     random = np.random.default_rng(seed)
     values, sigmas = measured(random, drive(random, 30)[0], LOW)
     belief = first_belief(values[0, :4], CHANGES)
     found, means, covariances = smooth(*belief, values, sigmas, CHANGES, STEP_S)
     later = smooth(means[9], covariances[9], values[9:], sigmas[9:], CHANGES, STEP_S)[0]
     np.testing.assert_allclose(later, found[9:], atol=1e-9)
-
-
-@given(st.integers(0, 2**32))
-def test_differences_of_smoothed_states_are_the_smoothed_inputs(seed):
-    random = np.random.default_rng(seed)
-    values, sigmas = measured(random, drive(random, 20)[0], LOW)
-    found = smooth(*first_belief(values[0, :4], CHANGES), values, sigmas, CHANGES, STEP_S)[0]
     np.testing.assert_allclose(np.diff(found[:, 2:4], axis=0) / STEP_S, found[1:, 4:], atol=1e-9)
 
 
-def errors() -> Any:
-    """Raw, filtered and smoothed minus true states, and squared normalised errors of filtered states."""
+def test_it_is_nearer_to_the_truth_than_what_was_measured_and_knows_how_far_off_it_is():
+    """The smoother nearer still; squared errors over their covariance are six on average, one a component."""
     random = np.random.default_rng(4)
     raw, filtered, smoothed, squares = [], [], [], []
     for _ in range(60):
@@ -134,24 +128,15 @@ def errors() -> Any:
         belief = first_belief(values[0, :4], CHANGES)
         found, means, covariances = smooth(*belief, values, sigmas, CHANGES, STEP_S)
         last = smooth(*belief, values[:16], sigmas[:16], CHANGES, STEP_S)[0][-1]
-        raw.append(values[15, :4] - states[15])
-        filtered.append(last[:4] - states[15])
-        smoothed.append(found[15, :4] - states[15])
-        for each in (raw, filtered, smoothed):
-            each[-1][2] = wrap_angle(each[-1][2])
+        for errors, state in ((raw, values[15]), (filtered, last), (smoothed, found[15])):
+            errors.append(state[:4] - states[15])
+            errors[-1][2] = wrap_angle(errors[-1][2])
         off = np.append(states[15], inputs[15]) - means[15]
         off[2] = wrap_angle(off[2])
         squares.append(off @ np.linalg.inv(covariances[15]) @ off)
-    return *(np.sqrt(np.mean(np.square(each), axis=0)) for each in (raw, filtered, smoothed)), squares
-
-
-def test_the_filter_is_nearer_to_the_truth_than_what_was_measured_and_the_smoother_nearer_still():
-    raw, filtered, smoothed, _ = errors()
-    assert np.all(filtered < [0.7, 0.7, 0.8, 0.95] * raw)
-    assert np.all(smoothed < filtered)
-
-
-def test_it_knows_how_far_off_it_is():
-    """Squared errors over their covariance are six on average, one for each component of the state."""
-    *_, squares = errors()
+    measured_m, filtered_m, smoothed_m = (
+        np.sqrt(np.mean(np.square(each), axis=0)) for each in (raw, filtered, smoothed)
+    )
+    assert np.all(filtered_m < [0.7, 0.7, 0.8, 0.95] * measured_m)
+    assert np.all(smoothed_m < filtered_m)
     assert np.mean(squares) == pytest.approx(6.0, abs=4.0 * math.sqrt(12.0 / 60.0))

@@ -1,21 +1,17 @@
 """The fit of the joint problem: its sensitivities, its arithmetic, and what it finds out about goals."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from agent_helpers import STEP_S, WEIGHTS, remembered, scene_of
+from agent_helpers import STEP_S, remembered, scene_of
 from goal_helpers import errors_m, followed
 from hypothesis import given
 from hypothesis import strategies as st
 from realtime_helpers import closed_loop, data_of, random_crossing
 
-import agent.estimate.joint_fit as module
-from agent.estimate.inverse_optimal_control import InverseOptimalControl
 from agent.estimate.joint_fit import LONGEST_M, SIGMAS, JointFit, gauss_newton
-from agent.estimate.window import WINDOW, window_of
-from agent.remember.memory import Memory
+from agent.estimate.window import window_of
 from agent.solve.problem import PRICE_PER_M
 from agent.solve.realtime.interior_point import Program, respond, solve_program
 from agent.solve.realtime.profiles import pull_back, states_of
@@ -83,59 +79,29 @@ def test_a_goal_moves_no_further_at_once_than_derivatives_hold():
     np.testing.assert_allclose(found, [[LONGEST_M, 0.0], [0.0, 0.0]], atol=1e-9)
 
 
-def test_goals_are_found_from_how_robots_drive_better_than_by_the_published_estimator():
-    scene, fitted, published = scene_of("0123"), [], []
-    for seed in range(5):
-        states, goals = followed(4, seed, 40)
-        fitted.append(errors_m(JointFit(scene), states, goals)[15:])
-        published.append(errors_m(InverseOptimalControl(scene), states, goals)[15:])
-    assert np.mean(fitted) < 0.7 * np.mean(published)
-    assert np.median(np.array(fitted)[:, 10:]) < 0.5
-
-
 def test_a_robot_alone_is_understood_too():
     states, goals = followed(1, 5, 40)
     assert errors_m(JointFit(scene_of("0")), states, goals)[25:].max() < 0.5
 
 
-def test_it_looks_back_no_further_than_it_predicts():
-    states, goals = followed(2, 0, 15)
-    scene = scene_of("01", horizons=Horizons(prediction_steps=4))
-    assert np.isfinite(errors_m(JointFit(scene), states, goals)).all()
-
-
-def test_where_the_joint_problem_is_not_solved_the_last_estimates_stay(monkeypatch):
-    states, _ = followed(2, 1, 20)
-    estimator, memory = JointFit(scene_of("01")), Memory(17, STEP_S)
-    for step, now in enumerate(states):
-        memory.remember(step, {str(robot): tuple(state) for robot, state in enumerate(now.tolist())})
-        if step == 19:
-            monkeypatch.setattr(
-                module,
-                "respond",
-                lambda *given: replace(
-                    (real := responded(*given)), solution=replace(real.solution, solved=False)
-                ),
-            )
-        before = {name: belief.mean for name, belief in estimator._beliefs.items()}
-        estimator.estimate(memory)
-    for name, belief in estimator._beliefs.items():
-        np.testing.assert_array_equal(belief.mean, before[name])
-
-
-responded = module.respond
-
-
 def test_the_window_holds_what_was_seen_and_the_inputs_that_lead_through_it():
+    """Of as many steps as both were seen."""
     states, _ = followed(2, 3, 17)
     memory = remembered({"a": states[:, 0], "b": states[-9:, 1]})
-    window = window_of(memory, ["a", "b"], 8, STEP_S)
+    window = window_of(memory, ["a", "b"], scene_of("ab"))
+    assert (window.robots, window.step, window.states.shape) == (["a", "b"], 8, (2, 8, 4))
     np.testing.assert_allclose(window.begin, [states[-9, 0], states[-9, 1]])
     np.testing.assert_allclose(window.states[0], states[-8:, 0])
     driven = (states[1:, 0, 2:] - states[:-1, 0, 2:]) / STEP_S
     np.testing.assert_allclose(window.inputs[0], driven[-8:], atol=1e-9)
     np.testing.assert_allclose(window.before[0], driven[-9], atol=1e-9)
     assert window.before[1] == (0.0, 0.0), "before it was seen"
-    assert window.states.shape == (2, 8, 4)
-    assert WINDOW <= 15
-    assert len(WEIGHTS) == len(SIGMAS)
+
+
+@pytest.mark.parametrize(("seen", "prediction_steps", "explained"), [(40, 30, 12), (40, 4, 4), (2, 30, None)])
+def test_a_window_is_no_longer_than_what_was_seen_and_what_a_problem_goes_ahead(
+    seen, prediction_steps, explained
+):
+    scene = scene_of("a", horizons=Horizons(prediction_steps=prediction_steps))
+    window = window_of(remembered({"a": np.zeros((seen, 4))}), ["a"], scene)
+    assert (window and window.states.shape[1]) == explained

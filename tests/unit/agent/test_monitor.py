@@ -42,17 +42,8 @@ def test_the_braking_path_is_what_braking_at_every_step_drives_and_ends_standing
     assert abs(inputs[-1].acceleration_mps2) < 1e-9
 
 
-@given(HEADINGS, SPEEDS, TURN_RATES, st.integers(2, 40))
-def test_positions_ahead_of_robots_that_go_on_are_those_of_the_world(heading, speed, turn_rate, steps):
-    begin = (3.0, -1.0, heading, speed)
-    way = positions_ahead(np.array([begin]), np.array([turn_rate]), np.zeros(1), steps, STEP_S)
-    assert way.shape == (1, steps, 2)
-    driven = euler(begin, [(turn_rate, 0.0)] * (steps - 1))
-    np.testing.assert_allclose(way[0], driven[:, :2], atol=1e-9)
-
-
-@given(HEADINGS, SPEEDS, TURN_RATES, st.floats(0.1, LIMITS.acceleration_mps2))
-def test_robots_that_slow_down_stand_when_their_speed_is_gone_and_do_not_turn_back(
+@given(HEADINGS, SPEEDS, TURN_RATES, st.just(0.0) | st.floats(0.1, LIMITS.acceleration_mps2))
+def test_positions_ahead_are_those_of_robots_that_go_on_or_slow_down_until_they_stand(
     heading, speed, turn_rate, slowing
 ):
     inputs, left = [], abs(speed)
@@ -62,6 +53,7 @@ def test_robots_that_slow_down_stand_when_their_speed_is_gone_and_do_not_turn_ba
         inputs.append((turn_rate, -math.copysign(less, speed)))
     begin = (3.0, -1.0, heading, speed)
     way = positions_ahead(np.array([begin]), np.array([turn_rate]), np.array([slowing]), 61, STEP_S)
+    assert way.shape == (1, 61, 2)
     np.testing.assert_allclose(way[0], euler(begin, inputs)[:, :2], atol=1e-9)
 
 
@@ -69,24 +61,19 @@ def test_each_robot_goes_its_own_way_ahead():
     states = np.array([(0.0, 0.0, 0.0, 1.0), (5.0, 5.0, math.pi / 2, 2.0)])
     turns, slowing = np.array([0.5, 0.0]), np.array([0.0, 1.0])
     both = positions_ahead(states, turns, slowing, 9, STEP_S)
-    for index in range(2):
-        one = slice(index, index + 1)
+    for one in (slice(0, 1), slice(1, 2)):
         alone = positions_ahead(states[one], turns[one], slowing[one], 9, STEP_S)
-        np.testing.assert_array_equal(both[index], alone[0])
+        np.testing.assert_array_equal(both[one], alone)
 
 
 def test_gaps_are_the_smallest_distances_at_the_same_step_less_what_must_be_kept():
+    """Whoever has come to the end of its path stays there."""
     path = np.array([(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)])
-    follows = path - [3.0, 0.0]
     meets = np.array([(4.0, 0.0), (3.0, 0.0), (2.5, 0.0)])
-    gaps = gaps_m(path, np.array([[follows, meets]]), np.array([1.0, 0.2]))
+    gaps = gaps_m(path, np.array([[path - [3.0, 0.0], meets]]), np.array([1.0, 0.2]))
     np.testing.assert_allclose(gaps, [[2.0, 0.3]])
-
-
-def test_who_has_come_to_the_end_of_its_path_stays_there():
-    path = np.array([(0.0, 0.0), (1.0, 0.0)])
-    comes = np.array([(5.0 - step, 0.0) for step in range(5)])
-    assert gaps_m(path, comes[None, None], np.zeros(1)) == pytest.approx(np.array([[0.0]]))
+    comes = np.array([(6.0 - step, 0.0) for step in range(5)])
+    np.testing.assert_allclose(gaps_m(path, comes[None, None], np.zeros(1)), [[0.0]])
 
 
 BEGIN = (-8.0, 0.0, 0.0, 3.0)
@@ -160,22 +147,15 @@ def turning_away(state: tuple[float, float, float, float]) -> Array:
     return euler(state, [(-1.0, 0.0)] * 30)[:, :2]
 
 
-DANGERS = pytest.mark.parametrize(
+@pytest.mark.parametrize(
     ("actual", "expected"),
     [(stopping_dead, lambda state: going_on((*state[:3], 3.0))), (staying_on_its_way, turning_away)],
     ids=["stops dead", "does not turn"],
 )
-
-
-@DANGERS
-def test_who_does_not_do_as_expected_is_braked_for_once(actual, expected):
+def test_who_does_not_do_as_expected_is_braked_for_once_and_not_without_need(actual, expected):
     drive = Drive(actual, expected).run()
     assert drive.braked
     assert drive.monitor.interventions == 1
-
-
-@DANGERS
-def test_without_braking_there_would_be_a_collision(actual, expected):
     assert Drive(actual, expected).run(obey=False).collides
 
 

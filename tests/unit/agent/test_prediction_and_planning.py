@@ -90,8 +90,8 @@ def test_the_joint_problem_holds_what_the_scene_and_the_memory_say():
     )
     path = np.arange(26.0).reshape(13, 2)
     previous = {"a": Input(0.1, 0.2), "b": Input(0.3, 0.4)}
-    free = {robot: GOALS[robot] for robot in "ab"}
-    problem = joint_problem(scene, memory_of("abc").present(), free, {"c": path}, previous)
+    free, cautions = {robot: GOALS[robot] for robot in "ab"}, {"c": 0.3, "b": 9.9}
+    problem = joint_problem(scene, memory_of("abc").present(), free, {"c": path}, previous, cautions)
     np.testing.assert_allclose(problem.states, [STATES["a"], STATES["b"]], atol=1e-12)
     np.testing.assert_array_equal(problem.goals, [GOALS["a"], GOALS["b"]])
     np.testing.assert_array_equal(problem.previous_inputs, [[0.1, 0.2], [0.3, 0.4]])
@@ -99,7 +99,8 @@ def test_the_joint_problem_holds_what_the_scene_and_the_memory_say():
     np.testing.assert_array_equal(problem.area, [[-5.0, -7.0], [6.0, 8.0]])
     np.testing.assert_array_equal(problem.weights, [2.0, 3.0, 0.1, 0.2])
     between_radii = [[0.495 + 0.495, 0.495 + 0.3, 0.495 + 1.0], [0.3 + 0.495, 0.3 + 0.3, 0.3 + 1.0]]
-    np.testing.assert_allclose(problem.safety_distances, np.array(between_radii) + 0.2)
+    caution_m = [0.0, 0.0, 0.3]  # from those only who are not planned for
+    np.testing.assert_allclose(problem.safety_distances, np.array(between_radii) + 0.2 + caution_m)
     assert problem.limits == (strong, weak)
     assert (problem.steps, problem.step_s) == (12, 0.1)
 

@@ -13,7 +13,7 @@ import pytest
 from agent_helpers import EPOCH, NEVER, SOLVERS, published
 
 from agent.agent import Agent
-from agent.drive.commands import first_input
+from agent.drive.commands import planned_inputs
 from agent.estimate.goals import Exchanged
 from agent.remember.memory import Memory
 from agent.solve.planning import Plan
@@ -85,7 +85,7 @@ def test_the_joint_prediction_drives_all_robots_along_the_published_trace(scenar
         for robot, known in scene.robots.items():
             speed = float(memory.state(robot)[3])
             plan = Plan(prediction.inputs[robot], prediction.states[robot], prediction.solved)
-            last[robot] = first_input(plan, known.limits, last[robot], speed, scene.step_s)
+            last[robot] = planned_inputs(plan, known.limits, last[robot], speed, scene.step_s)[0]
         return {robot: command(robot, seen.step, control) for robot, control in last.items()}
 
     assert worst_deviation_m(scenario, driven(scenario, answers)) < WITHIN_M
