@@ -38,7 +38,7 @@ class Host:
         """A host as a person writes it.
 
         Raises:
-            ValueError: it is neither a host name nor an IPv4 address; told in plain words.
+            ValueError: it is neither a host name nor an IPv4 address; its text is for people.
         """
         try:
             address = ip_address(text)
@@ -137,18 +137,8 @@ class Authority(Credentials):
             now: when it is made, aware of its zone.
             days: for which it is valid from now on.
         """
-        key = generate_private_key(SECP256R1())
-        name = _name(f"unspoken authority {secrets.token_hex(4)}")
-        identifier = x509.SubjectKeyIdentifier.from_public_key(key.public_key())
-        builder = (
-            _builder(name, name, key, now, days)
-            .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
-            .add_extension(_usage(signs_certificates=True), critical=True)
-            .add_extension(
-                x509.AuthorityKeyIdentifier.from_issuer_subject_key_identifier(identifier), critical=False
-            )
-        )
-        return cls(builder.sign(key, SHA256()), key)
+        key, name = generate_private_key(SECP256R1()), _name(f"unspoken authority {secrets.token_hex(4)}")
+        return cls(_signed(name, key, name, key, now, days), key)
 
     def issue(self, device: Device, now: datetime, days: int) -> Credentials:
         """A certificate for a device, with a new private key.
@@ -162,63 +152,42 @@ class Authority(Credentials):
             days: for which it is valid from now on.
 
         Raises:
-            Refusal: the authority does not last so long.
+            Refusal: the authority expires before.
         """
         end, latest = now + timedelta(days=days), self.certificate.not_valid_after_utc
         if end > latest:
+            most, new = (latest - now).days, "make new keys for everybody with 'unspoken keys create'"
             raise Refusal(
                 f"certificates for {days} days would end on {date_text(end)}, after their authority, which "
-                f"expires on {date_text(latest)}; {_shorter((latest - now).days)}"
+                f"expires on {date_text(latest)}; {f'--days {most} is the most' if most >= 1 else new}"
             )
-        key = generate_private_key(SECP256R1())
-        purpose = (
-            ExtendedKeyUsageOID.SERVER_AUTH if device.name == WORLD_NAME else ExtendedKeyUsageOID.CLIENT_AUTH
-        )
-        builder = (
-            _builder(_name(device.name), self.certificate.subject, key, now, days)
-            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-            .add_extension(_usage(signs_certificates=False), critical=True)
-            .add_extension(x509.ExtendedKeyUsage([purpose]), critical=False)
-            .add_extension(
-                x509.AuthorityKeyIdentifier.from_issuer_public_key(self.key.public_key()), critical=False
-            )
-        )
+        is_world = device.name == WORLD_NAME
+        purpose = ExtendedKeyUsageOID.SERVER_AUTH if is_world else ExtendedKeyUsageOID.CLIENT_AUTH
+        extensions: list[x509.ExtensionType] = [x509.ExtendedKeyUsage([purpose])]
         if device.hosts:
-            names = x509.SubjectAlternativeName([host.to_general_name() for host in device.hosts])
-            builder = builder.add_extension(names, critical=False)
-        return Credentials(builder.sign(self.key, SHA256()), key)
-
-
-def _shorter(days: int) -> str:
-    if days < 1:
-        return "make new keys for everybody with 'unspoken keys create'"
-    return f"--days {days} is the most"
+            extensions.append(x509.SubjectAlternativeName([host.to_general_name() for host in device.hosts]))
+        key, name, issuer = generate_private_key(SECP256R1()), _name(device.name), self.certificate.subject
+        return Credentials(_signed(name, key, issuer, self.key, now, days, *extensions), key)
 
 
 def _name(common_name: str) -> x509.Name:
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
 
 
-def _builder(
-    subject: x509.Name, issuer: x509.Name, key: EllipticCurvePrivateKey, now: datetime, days: int
-) -> x509.CertificateBuilder:
-    """What a certificate of the authority has in common with one of a device."""
-    return (
-        x509.CertificateBuilder()
-        .subject_name(subject)
-        .issuer_name(issuer)
-        .public_key(key.public_key())
-        .serial_number(x509.random_serial_number())
-        .not_valid_before(now - BACKDATING)
-        .not_valid_after(now + timedelta(days=days))
-        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
-    )
-
-
-def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
-    return x509.KeyUsage(
-        digital_signature=not signs_certificates,
-        key_cert_sign=signs_certificates,
+def _signed(
+    subject: x509.Name,
+    key: EllipticCurvePrivateKey,
+    issuer: x509.Name,
+    signer: EllipticCurvePrivateKey,
+    now: datetime,
+    days: int,
+    *extensions: x509.ExtensionType,
+) -> x509.Certificate:
+    """A certificate: that of an authority where it is signed with its own key, else that of a device."""
+    signs = signer is key
+    usage = x509.KeyUsage(
+        digital_signature=not signs,
+        key_cert_sign=signs,
         crl_sign=False,
         content_commitment=False,
         key_encipherment=False,
@@ -227,3 +196,19 @@ def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
         encipher_only=False,
         decipher_only=False,
     )
+    builder = (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - BACKDATING)
+        .not_valid_after(now + timedelta(days=days))
+        .add_extension(x509.BasicConstraints(ca=signs, path_length=0 if signs else None), critical=True)
+        .add_extension(usage, critical=True)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
+    )
+    trusted = x509.AuthorityKeyIdentifier.from_issuer_public_key(signer.public_key())
+    for extension in (trusted, *extensions):
+        builder = builder.add_extension(extension, critical=False)
+    return builder.sign(signer, SHA256())

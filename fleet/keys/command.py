@@ -1,10 +1,10 @@
 """``unspoken keys``: the command line."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
 from rich import box
@@ -13,17 +13,16 @@ from rich.table import Table
 from rich.text import Text
 
 from chassis.refusal import ExitStatus, Group, Refusal
+from fleet.keys import folders
 from fleet.keys.authority import LOCAL_HOSTS, Device, Host
-from fleet.keys.folders import AUTHORITY_FOLDER, devices_in, hosts_of_world
-from fleet.keys.folders import create as create_keys
-from fleet.keys.folders import issue as issue_keys
-from fleet.keys.survey import Finding, survey
+from fleet.keys.folders import AUTHORITY_FOLDER, Finding, devices_in, hosts_of_world, survey
 from protocol.device_keys import date_text
 from protocol.keys import BENCH_NAME, WORLD_NAME, checked_name
 from protocol.scenario import load_scenario
 from scenarios import find
 
 MAX_DAYS = 36500
+T = TypeVar("T")
 
 app = typer.Typer(
     cls=Group,
@@ -34,18 +33,14 @@ app = typer.Typer(
 )
 
 
-def _robots(values: list[str] | None) -> list[str]:
-    try:
-        return [checked_name(value) for value in values or ()]
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from None
+def _parser(parse: Callable[[str], T]) -> Callable[[str], T]:
+    def parsed(text: str) -> T:
+        try:
+            return parse(text)
+        except ValueError as error:
+            raise typer.BadParameter(str(error)) from None
 
-
-def _host(text: str) -> Host:
-    try:
-        return Host.parse(text)
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from None
+    return parsed
 
 
 MadeArgument = Annotated[
@@ -56,19 +51,19 @@ MadeArgument = Annotated[
 ]
 RobotOption = Annotated[
     list[str] | None,
-    typer.Option("--robot", metavar="ID", callback=_robots, help="A robot's id; may be given several times."),
+    typer.Option("--robot", metavar="ID", parser=_parser(checked_name), help="A robot's id; repeatable."),
 ]
 HostOption = Annotated[
     list[Host] | None,
     typer.Option(
         "--host",
         metavar="HOST",
-        parser=_host,
-        help="Name or IPv4 address by which robots reach the world; may be given several times.",
+        parser=_parser(Host.parse),
+        help="Host name or IPv4 address at which robots reach the world; repeatable.",
     ),
 ]
 DaysOption = Annotated[
-    int, typer.Option(min=1, max=MAX_DAYS, help="For which the devices' certificates are valid.")
+    int, typer.Option(min=1, max=MAX_DAYS, help="How long the devices' certificates are valid.")
 ]
 
 
@@ -85,7 +80,7 @@ def create(
     host: HostOption = None,
     days: DaysOption = 365,
     authority_days: Annotated[
-        int, typer.Option(min=1, max=MAX_DAYS, help="For which their authority is valid.")
+        int, typer.Option(min=1, max=MAX_DAYS, help="How long their authority is valid.")
     ] = 3650,
 ) -> None:
     """Make an authority, and keys for the world, the bench and each robot: a folder for each device.
@@ -95,17 +90,18 @@ def create(
     Exit status: 0 made, 2 wrong usage or scenario, or DIR is not empty, 3 DIR cannot be written; nothing is
     left in it then.
     """
-    robots = dict.fromkeys([*(_ids(scenario) if scenario else ()), *(robot or ())])
+    described = load_scenario(find(scenario)).robots if scenario else ()
+    robots = dict.fromkeys([*(each.id for each in described), *(robot or ())])
     if not robots:
         raise typer.BadParameter("robots are expected: name a --scenario or each --robot")
     devices = [Device(WORLD_NAME, tuple(host or LOCAL_HOSTS)), Device(BENCH_NAME), *map(Device, robots)]
     now = _now()
-    with _told(directory):
-        create_keys(directory, devices, now, days, authority_days)
+    with _refusing_disk_errors(directory):
+        folders.create(directory, devices, now, days, authority_days)
         _print(directory, survey(directory, now))
     typer.echo(
         f"Copy each folder to its device and nowhere else. Keep {directory / AUTHORITY_FOLDER} to yourself: "
-        "who has it can make keys for everybody."
+        "whoever has it can make keys for anybody."
     )
 
 
@@ -118,22 +114,25 @@ def issue(
     host: HostOption = None,
     days: DaysOption = 365,
 ) -> None:
-    """Renew keys, or add some for other robots; without a name those of every device in DIR are renewed.
+    """Renew the keys of the devices that are named, or make keys for new robots; without names, renew all.
 
     The authority stays. The world keeps its hosts unless --host names others.
 
     Exit status: 0 issued, 2 wrong usage, or the authority cannot be used, 3 DIR cannot be written.
     """
-    named = [*([WORLD_NAME] if world else ()), *([BENCH_NAME] if bench else ()), *dict.fromkeys(robot or ())]
+    named = [*[WORLD_NAME] * world, *[BENCH_NAME] * bench, *dict.fromkeys(robot or ())]
     now = _now()
-    with _told(directory):
+    with _refusing_disk_errors(directory):
         names = named or devices_in(directory)
         if host and WORLD_NAME not in names:
-            raise Refusal("--host is for the keys of the world, which are not among the named: add --world")
-        issue_keys(directory, [_device(directory, name, host) for name in names], now, days)
-        issued = {directory / Device(name).folder for name in names}
-        _print(directory, (found for found in survey(directory, now) if found.folder in issued))
-    typer.echo("Copy each of these folders to its device, in the place of an older one.")
+            raise Refusal("--host is for the keys of the world, which are not among those named: add --world")
+        devices = [Device(name) for name in names]
+        if WORLD_NAME in names:
+            devices[names.index(WORLD_NAME)] = Device(WORLD_NAME, tuple(host or hosts_of_world(directory)))
+        folders.issue(directory, devices, now, days)
+        issued = {directory / device.folder for device in devices}
+        _print(directory, [found for found in survey(directory, now) if found.folder in issued])
+    typer.echo("Copy each of these folders to its device, where it replaces the older one.")
 
 
 @app.command()
@@ -142,24 +141,13 @@ def show(directory: MadeArgument) -> None:
 
     Exit status: 0 all is well, 1 something is wrong or expired, 2 wrong usage, or no keys are there.
     """
-    with _told(directory):
+    with _refusing_disk_errors(directory):
         found = survey(directory, _now())
     _print(directory, found)
-    for finding in found:
-        if finding.wrong or finding.warning:
-            typer.echo(finding.wrong or finding.warning)
+    for text in filter(None, (finding.wrong or finding.warning for finding in found)):
+        typer.echo(text)
     if any(finding.wrong for finding in found):
         raise typer.Exit(ExitStatus.UNMET)
-
-
-def _device(directory: Path, name: str, hosts: Sequence[Host] | None) -> Device:
-    if name != WORLD_NAME:
-        return Device(name)
-    return Device(name, tuple(hosts or hosts_of_world(directory)))
-
-
-def _ids(scenario: str) -> list[str]:
-    return [robot.id for robot in load_scenario(find(scenario)).robots]
 
 
 def _now() -> datetime:
@@ -167,12 +155,11 @@ def _now() -> datetime:
 
 
 @contextmanager
-def _told(directory: Path) -> Iterator[None]:
-    """Errors of the disk in plain words."""
+def _refusing_disk_errors(directory: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        where = error.filename or directory  # a full disk does not tell the file
+        where = error.filename or directory  # a full disk does not name the file
         raise Refusal(f"{where}: cannot be used: {error.strerror}", ExitStatus.FAILED) from None
 
 

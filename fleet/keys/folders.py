@@ -1,4 +1,4 @@
-"""The folders that ``unspoken keys`` makes: one of the authority, and one for each device.
+"""The folders that ``unspoken keys`` makes, renews and checks: the authority's, and one for each device.
 
 Whatever interrupts the making, a folder of a device is there with certificate and key that belong together,
 or it is not there.
@@ -6,6 +6,7 @@ or it is not there.
 
 import os
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -29,21 +30,23 @@ from protocol.device_keys import (
     AUTHORITY_FILE,
     CERTIFICATE_FILE,
     KEY_FILE,
+    check_name,
     check_pair,
     check_time,
+    holder_text,
+    load_device_keys,
     read_certificate,
     read_key,
 )
 from protocol.keys import WORLD_NAME
 
 AUTHORITY_FOLDER: Final = "authority"
+FILES: Final = {AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE}
 _PRIVATE: Final = 0o600
 _PUBLIC: Final = 0o644
 
 
-def create(
-    directory: Path, devices: Iterable[Device], now: datetime, days: int, authority_days: int
-) -> Authority:
+def create(directory: Path, devices: Iterable[Device], now: datetime, days: int, authority_days: int) -> None:
     """Make an authority and the keys of these devices: all of them, or nothing.
 
     Args:
@@ -70,11 +73,11 @@ def create(
     with TemporaryDirectory(prefix=f".{directory.name}-", dir=directory.parent) as beside:
         whole = Path(beside) / "whole"
         whole.mkdir(mode=0o700)
-        write_authority(whole / AUTHORITY_FOLDER, authority)
+        _write_authority(whole / AUTHORITY_FOLDER, authority)
+        _write(whole / AUTHORITY_FOLDER / KEY_FILE, authority.key_pem, _PRIVATE)
         for device in devices:
             write_device(whole / device.folder, authority, authority.issue(device, now, days))
         whole.rename(directory)
-    return authority
 
 
 def issue(directory: Path, devices: Sequence[Device], now: datetime, days: int) -> None:
@@ -130,7 +133,12 @@ def read_authority(folder: Path, now: datetime) -> Authority:
 def devices_in(directory: Path) -> list[str]:
     """Whose folders are there: the world, the bench, then the robots in the order of their ids."""
     names = [name for path in directory.iterdir() if path.is_dir() and (name := name_of(path.name))]
-    return sorted(names, key=lambda name: (not name.startswith("@"), name != WORLD_NAME, _in_order(name)))
+
+    def order(name: str) -> tuple[bool, bool, int, str]:
+        number = int(name) if name.isdecimal() else 0  # 2 before 10
+        return (not name.startswith("@"), name != WORLD_NAME, number, name)
+
+    return sorted(names, key=order)
 
 
 def hosts_of_world(directory: Path) -> tuple[Host, ...]:
@@ -148,27 +156,20 @@ def hosts_of_world(directory: Path) -> tuple[Host, ...]:
         raise Refusal(f"{error}; name the world's hosts with --host") from None
 
 
-def write_authority(folder: Path, authority: Authority) -> None:
-    """Write the folder that stays with the operator.
-
-    Raises:
-        OSError: it cannot be written.
-    """
-    folder.mkdir(mode=0o700)
-    _write(folder / AUTHORITY_FILE, authority.certificate_pem, _PUBLIC)
-    _write(folder / KEY_FILE, authority.key_pem, _PRIVATE)
-
-
 def write_device(folder: Path, authority: Authority, credentials: Credentials) -> None:
     """Write a folder that ``load_device_keys`` reads.
 
     Raises:
         OSError: it cannot be written.
     """
-    folder.mkdir(mode=0o700)
-    _write(folder / AUTHORITY_FILE, authority.certificate_pem, _PUBLIC)
+    _write_authority(folder, authority)
     _write(folder / CERTIFICATE_FILE, credentials.certificate_pem, _PUBLIC)
     _write(folder / KEY_FILE, credentials.key_pem, _PRIVATE)
+
+
+def _write_authority(folder: Path, authority: Authority) -> None:
+    folder.mkdir(mode=0o700)
+    _write(folder / AUTHORITY_FILE, authority.certificate_pem, _PUBLIC)
 
 
 def _write(path: Path, content: bytes, mode: int) -> None:
@@ -194,16 +195,90 @@ def _replace(folder: Path, new: Path, old: Path) -> None:
 def _refuse_foreign_files(folder: Path) -> None:
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise Refusal(f"{folder}: a folder is expected, or nothing; move it away")
-    known = {AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE}
-    foreign = (
-        sorted(path.name for path in folder.iterdir() if path.name not in known) if folder.is_dir() else []
-    )
-    if foreign:
+    found = {path.name for path in folder.iterdir()} if folder.exists() else set()
+    if foreign := sorted(found - FILES):
         raise Refusal(
             f"{folder}: the whole folder is replaced, and {foreign[0]} in it would be lost; move it away"
         )
 
 
-def _in_order(name: str) -> tuple[int, str]:
-    """2 before 10."""
-    return (int(name) if name.isdecimal() else 0, name)
+@dataclass(frozen=True)
+class Finding:
+    """What was found in one folder."""
+
+    holder: str
+    """Whose it is, for people; for the world also at which hosts."""
+    folder: Path
+    expires: datetime | None
+    """When its certificate ends; None if that cannot be read."""
+    wrong: str = ""
+    """Why it cannot be used; empty if it can."""
+    warning: str = ""
+    """What should be done soon; empty if nothing."""
+
+
+def survey(directory: Path, now: datetime) -> list[Finding]:
+    """Look through all that ``create`` has made, or through the folder of one device.
+
+    Args:
+        directory: of the whole or of the one.
+        now: the time, aware of its zone.
+
+    Raises:
+        Refusal: there are no keys.
+    """
+    if any((directory / file).exists() for file in FILES):
+        if directory.name == AUTHORITY_FOLDER and not (directory / CERTIFICATE_FILE).exists():
+            return [_authority_found(directory, now)]
+        return [_device_found(directory, now)]
+    authority = directory / AUTHORITY_FOLDER
+    found = [_authority_found(authority, now)] if authority.exists() else []
+    found += [_device_found(directory / folder_of(name), now, name) for name in devices_in(directory)]
+    if not found:
+        raise Refusal(
+            f"{directory}: there are no keys here; a directory is expected as 'unspoken keys create' makes "
+            "it, or the folder of one device"
+        )
+    return found
+
+
+def _authority_found(folder: Path, now: datetime) -> Finding:
+    wrong = ""
+    try:
+        read_authority(folder, now)
+    except Refusal as refusal:
+        wrong = str(refusal)
+    return Finding("the authority", folder, _expires(folder / AUTHORITY_FILE), wrong)
+
+
+def _device_found(folder: Path, now: datetime, name: str | None = None) -> Finding:
+    """What a folder holds; one with a name must hold that device's keys, of the authority beside it."""
+    path, authority = folder / CERTIFICATE_FILE, folder.parent / AUTHORITY_FOLDER
+    holder = "unknown" if name is None else holder_text(name)
+    try:
+        keys = load_device_keys(folder, now)
+        if name is not None:
+            check_name(keys, name)
+        if name is not None and authority.is_dir():
+            _check_authority(folder, authority)
+    except Refusal as refusal:
+        return Finding(holder, folder, _expires(path), wrong=str(refusal))
+    hosts = ", ".join(hosts_in(read_certificate(path)))
+    holder = holder_text(keys.name) + (f" at {hosts}" if hosts else "")
+    return Finding(holder, folder, keys.expires, warning=keys.warning(now))
+
+
+def _check_authority(folder: Path, authority: Path) -> None:
+    trusted, ours = (read_certificate(path / AUTHORITY_FILE) for path in (folder, authority))
+    if trusted != ours:
+        raise Refusal(
+            f"{folder / AUTHORITY_FILE}: not the authority in {authority}, so this device is refused by the "
+            "others; renew its keys with 'unspoken keys issue'"
+        )
+
+
+def _expires(path: Path) -> datetime | None:
+    try:
+        return read_certificate(path).not_valid_after_utc
+    except Refusal:
+        return None

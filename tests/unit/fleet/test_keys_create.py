@@ -114,7 +114,7 @@ def test_a_directory_that_cannot_be_made_is_told() -> None:
     Path("file").touch()
     result = keys("create", "file/mine", "--robot", 1)
     assert result.exit_code == 3
-    assert re.fullmatch(r"unspoken: \S*file: cannot be used: (Not a directory|File exists)\n", result.stderr)
+    assert re.fullmatch(r"\S*file: cannot be used: (Not a directory|File exists)\n", result.stderr)
 
 
 def test_certificates_hold_their_times_to_the_second() -> None:

@@ -33,7 +33,7 @@ def test_nothing_is_changed_when_writing_fails_halfway(
     result = keys(*asked)
     if isinstance(error, OSError):
         assert result.exit_code == 3
-        assert re.fullmatch(r"unspoken: \S+: cannot be used: No space left on device\n", result.stderr)
+        assert re.fullmatch(r"\S+: cannot be used: No space left on device\n", result.stderr)
     else:
         assert result.exit_code != 0
     assert len(synced) == 7
