@@ -1,4 +1,4 @@
-"""Where the world of a run that goes on is reached, left beside the run's output for its owner alone."""
+"""The address of a run that is going on, left beside the run's output for its owner alone."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,6 +8,7 @@ import structlog
 from pydantic import ValidationError
 
 from chassis.files import Record, write_private
+from chassis.refusal import ExitStatus, Refusal
 from protocol.keys import Name
 
 FILE = ".reach.json"
@@ -15,10 +16,6 @@ RUNS = Path("runs")
 """Where ``unspoken run`` puts its runs unless told otherwise."""
 
 log = structlog.get_logger("bench")
-
-
-class NoRunError(Exception):
-    """There is no run to look at; the text says what there is and what to do."""
 
 
 class Address(Record):
@@ -55,34 +52,33 @@ def address_of(directory: Path) -> Address:
     """How the run of this directory is reached.
 
     Raises:
-        NoRunError: none goes on there.
+        Refusal: none goes on there.
     """
     path = directory / FILE
     try:
         return Address.model_validate_json(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         what = "this run has ended" if directory.is_dir() else "there is no such directory"
-        raise NoRunError(
-            f"{directory}: {what}; the directory of a run that is going on is expected"
-        ) from None
+        text = f"{directory}: {what}; the directory of a run that is going on is expected"
     except (OSError, UnicodeDecodeError, ValidationError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not what a run leaves there"
-        raise NoRunError(f"{path}: cannot be read: {reason}") from None
+        text = f"{path}: cannot be read: {reason}"
+    raise Refusal(text, ExitStatus.UNMET)
 
 
 def only_run(runs: Path = RUNS) -> Path:
     """The directory of the run that is going on, where there is exactly one.
 
     Raises:
-        NoRunError: there is none, or more than one.
+        Refusal: there is none, or more than one.
     """
     found = sorted(path.parent for path in runs.glob(f"*/{FILE}"))
     if len(found) == 1:
         return found[0]
+    text = f"{len(found)} runs are going on: {', '.join(map(str, found))}; name one of them"
     if not found:
-        raise NoRunError(
+        text = (
             f"no run is going on in {runs}/; name the directory of one, or the endpoint of its world "
             "with --connect"
         )
-    several = ", ".join(map(str, found))
-    raise NoRunError(f"{len(found)} runs are going on: {several}; name one of them")
+    raise Refusal(text, ExitStatus.UNMET)

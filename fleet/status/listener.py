@@ -2,30 +2,36 @@
 
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from queue import Empty, SimpleQueue
 from typing import Final
 
 import zenoh
 
+from chassis.refusal import ExitStatus, Refusal
 from fleet.interruption import Interruption
+from fleet.record.address import Address
 from fleet.record.stream import BusMessage
 from fleet.run.listening import Decoder, Mailbox, Received
-from fleet.status.standing import Standing
+from fleet.status.standing import Standing, Status
 from protocol.codec import MessageError
 from protocol.identity import Identity
 from protocol.keys import Keys
 from protocol.session import Opening, client_session, reason_of
 
-LOOK_S: Final = 0.1
+POLL_S: Final = 0.1
 CONNECT_S: Final = 5.0
 """For the world to let us in, and to answer."""
 SCENE_TIMEOUT_S: Final = 1.0
+REFRESH_S: Final = 0.5
+ONCE_S: Final = 2.0
+"""Time to listen before a single look: times and rates are of what came."""
+LAST_WORDS_S: Final = 1.0
+"""Time for the verdict of a run that, as is known otherwise, has ended."""
 
-
-class UnreachableError(Exception):
-    """The world of a run cannot be listened to; the text says why and what to do."""
+GoesOn = Callable[[Status], bool]
+"""Whether, as far as is known otherwise, the run goes on; asked at every look."""
 
 
 class Listener:
@@ -34,16 +40,18 @@ class Listener:
     Args:
         session: with the world.
         run: its name.
+        interruption: the wish to leave.
     """
 
-    def __init__(self, session: zenoh.Session, run: str) -> None:
-        self.standing = Standing(run)
+    def __init__(self, session: zenoh.Session, run: str, interruption: Interruption) -> None:
+        self._standing = Standing(run)
+        self._interruption = interruption
         self._session = session
         self._keys = Keys(run)
         self._decoder = Decoder(self._keys)
         self._mailbox = Mailbox()
         self._presence: SimpleQueue[tuple[str, bool]] = SimpleQueue()
-        # The literal key of all: robots are told of this one reader only, and say their minds for it.
+        # The literal key of all: robots know of this one reader only, and publish their minds for it.
         self._declared = (
             session.declare_subscriber(self._keys.everything, self._store),
             session.liveliness().declare_subscriber(
@@ -59,24 +67,51 @@ class Listener:
                 return True
         return False
 
-    def listen(self, until_s: float) -> None:
+    def look(self) -> Status:
+        """One look, after some listening."""
+        until_s = time.monotonic() + ONCE_S
+        while time.monotonic() < until_s and not self._is_over():
+            self._listen(min(until_s, time.monotonic() + REFRESH_S))
+        return self._standing.status(time.monotonic())
+
+    def follow(self, goes_on: GoesOn, show: Callable[[Status], None]) -> bool:
+        """Show the run until its verdict, or until an interruption.
+
+        Returns:
+            False where the run has ended without a verdict.
+        """
+        while True:
+            self._listen(time.monotonic() + REFRESH_S)
+            status = self._standing.status(time.monotonic())
+            ended = not goes_on(status)
+            if ended:
+                self._listen(time.monotonic() + LAST_WORDS_S)
+                status = self._standing.status(time.monotonic())
+            show(status)
+            if ended or self._is_over():
+                return self._is_over()
+
+    def _is_over(self) -> bool:
+        return self._interruption.requested or self._standing.verdict is not None
+
+    def _listen(self, until_s: float) -> None:
         """Take in what comes until a time of the monotonic clock, or until the verdict."""
-        while self.standing.verdict is None and (remaining_s := until_s - time.monotonic()) > 0.0:
+        while self._standing.verdict is None and (remaining_s := until_s - time.monotonic()) > 0.0:
             while not self._presence.empty():
                 robot, present = self._presence.get()
-                self.standing.stands(robot, present=present)
+                self._standing.stands(robot, present=present)
             try:
-                self._take(self._mailbox.get(min(remaining_s, LOOK_S)))
+                self._take(self._mailbox.get(min(remaining_s, POLL_S)))
             except Empty:
                 continue
 
-    def _take(self, letter: Received) -> None:
+    def _take(self, received: Received) -> None:
         try:
-            item = self._decoder.take(letter)
-        except (MessageError, KeyError):  # the bench tells of it; here it changes nothing
+            item = self._decoder.take(received)
+        except (MessageError, KeyError):  # the bench reports it; here it changes nothing
             return
         if isinstance(item, BusMessage):
-            self.standing.take(item.message, item.time_ns / 1e9)
+            self._standing.take(item.message, item.time_ns / 1e9)
 
     def _store(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
@@ -91,54 +126,47 @@ class Listener:
 
 
 @contextmanager
-def listening(endpoint: str, identity: Identity, run: str, interruption: Interruption) -> Iterator[Listener]:
+def listening(address: Address, identity: Identity, interruption: Interruption) -> Iterator[Listener]:
     """Listen to a run for as long as the block lasts.
 
     Raises:
-        UnreachableError: the world is not there, refuses us, or does not know the run.
+        Refusal: the world is not there, refuses us, or does not know the run.
         KeyboardInterrupt: an interruption came first.
     """
-    with _connected(endpoint, identity, interruption) as session:
-        listener = Listener(session, run)
-        give_up_s = time.monotonic() + CONNECT_S
-        while not listener.ask_for_scene():
-            if interruption.requested:
-                raise KeyboardInterrupt
-            if time.monotonic() > give_up_s:
-                raise UnreachableError(
-                    f"the world at {endpoint} does not tell of a run {run!r}: it has another name, which is "
-                    "expected in --run, or what was given does not prove the bench's name"
-                )
-            time.sleep(LOOK_S)
-        yield listener
 
-
-def _connected(endpoint: str, identity: Identity, interruption: Interruption) -> zenoh.Session:
     def look() -> None:
         if interruption.requested:
             raise KeyboardInterrupt
 
-    opening = Opening()
+    endpoint, opening = address.endpoint, Opening()
     try:
         opening.begin(client_session(endpoint, identity, CONNECT_S))
     except zenoh.ZError as error:
-        raise UnreachableError(f"the endpoint {endpoint} cannot be used: {reason_of(error)}") from error
+        text = f"the endpoint {endpoint} cannot be used: {reason_of(error)}"
+        raise Refusal(text, ExitStatus.FAILED) from error
     try:
-        session = opening.wait(look, every_s=LOOK_S)
-    except zenoh.ZError as error:
-        raise UnreachableError(_why_unreachable(endpoint)) from error
+        session = opening.wait(look, every_s=POLL_S)
+    except zenoh.ZError as error:  # a world that is not there, or one that refuses: Zenoh does not say which
+        refused = (
+            f"the world at {endpoint} refuses us: the bench's password, in --password-file, or its keys, in "
+            "--keys, are expected"
+        )
+        text = refused if is_listened_at(endpoint) else f"there is no world at {endpoint}"
+        raise Refusal(text, ExitStatus.FAILED) from error
     assert session is not None, "nobody stops this opening"
-    return session
-
-
-def _why_unreachable(endpoint: str) -> str:
-    """Zenoh does not tell a world that is not there from one that refuses; whether anybody listens does."""
-    if not is_listened_at(endpoint):
-        return f"there is no world at {endpoint}"
-    return (
-        f"the world at {endpoint} refuses us: the bench's password, in --password-file, or its keys, in "
-        "--keys, are expected"
-    )
+    with session:
+        listener = Listener(session, address.run, interruption)
+        give_up_s = time.monotonic() + CONNECT_S
+        while not listener.ask_for_scene():
+            look()
+            if time.monotonic() > give_up_s:
+                raise Refusal(
+                    f"the world at {endpoint} does not answer for a run {address.run!r}: either its run has "
+                    "another name, to be given in --run, or the password or keys are not the bench's",
+                    ExitStatus.FAILED,
+                )
+            time.sleep(POLL_S)
+        yield listener
 
 
 def is_listened_at(endpoint: str) -> bool:

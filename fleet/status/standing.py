@@ -1,6 +1,6 @@
 """How the processes of a run are, gathered from what they say. No input or output, and no clock."""
 
-from collections import deque
+from collections import defaultdict, deque
 from typing import Final, Literal
 
 import numpy as np
@@ -65,13 +65,13 @@ class WorldStatus(Record):
     """Of the world."""
 
     state: WorldState
-    step: int | None
-    time_s: float | None
-    rate_hz: float | None
-    arrived: int
-    minimum_distance_m: float | None
-    collisions: int
-    verdict: Verdict | None
+    step: int | None = None
+    time_s: float | None = None
+    rate_hz: float | None = None
+    arrived: int = 0
+    minimum_distance_m: float | None = None
+    collisions: int = 0
+    verdict: Verdict | None = None
 
 
 class RobotStatus(Record):
@@ -118,10 +118,10 @@ class Standing:
 
     def __init__(self, run: str) -> None:
         self._run = run
-        self._robots: dict[str, _Robot] = {}
+        self._robots: defaultdict[str, _Robot] = defaultdict(_Robot)
         self._epoch: int | None = None
         self._truth: Truth | None = None
-        self._told_s = 0.0
+        self._truth_s = 0.0
         self._steps = Recent()
 
     @property
@@ -131,9 +131,8 @@ class Standing:
 
     def stands(self, robot: str, *, present: bool) -> None:
         """A robot's token has come or gone."""
-        known = self._robots.setdefault(robot, _Robot())
-        known.present = present
-        known.was_there = known.was_there or present
+        self._robots[robot].present = present
+        self._robots[robot].was_there |= present
 
     def take(self, message: Message, now_s: float) -> None:
         """A message has come at a time."""
@@ -143,17 +142,17 @@ class Standing:
                 robot.mind = None
         if isinstance(message, PublicScene):
             for name in message.scene.robots:
-                self._robots.setdefault(name, _Robot())
+                self._robots[name]  # is known from now on
         elif isinstance(message, Truth):
-            self._truth, self._told_s = message, now_s
+            self._truth, self._truth_s = message, now_s
             self._steps.add(now_s, 0.0)
         elif isinstance(message, Mind):
-            robot = self._robots.setdefault(message.robot, _Robot())
+            robot = self._robots[message.robot]
             robot.mind, robot.decided_s = message, now_s
             robot.decide_ms.add(now_s, message.timings_ms.decide)
         elif isinstance(message, Command) and self._truth is not None and message.step == self._truth.step:
-            robot = self._robots.setdefault(message.robot, _Robot())
-            robot.lag_ms.add(now_s, 1000.0 * (now_s - self._told_s))
+            robot = self._robots[message.robot]
+            robot.lag_ms.add(now_s, 1000.0 * (now_s - self._truth_s))
 
     def status(self, now_s: float) -> Status:
         """How everybody is at a time."""
@@ -166,17 +165,8 @@ class Standing:
     def _of_world(self, now_s: float) -> WorldStatus:
         truth = self._truth
         if truth is None:
-            return WorldStatus(
-                state="waits",
-                step=None,
-                time_s=None,
-                rate_hz=None,
-                arrived=0,
-                minimum_distance_m=None,
-                collisions=0,
-                verdict=None,
-            )
-        state: WorldState = "drives" if now_s - self._told_s <= QUIET_S else "quiet"
+            return WorldStatus(state="waits")
+        state: WorldState = "drives" if now_s - self._truth_s <= QUIET_S else "quiet"
         return WorldStatus(
             state=state if truth.verdict is None else "ended",
             step=truth.step,
@@ -213,6 +203,6 @@ class Standing:
             return "arrived"
         if robot.mind is None:
             return "present"
-        if self._told_s - robot.decided_s > QUIET_S:
+        if self._truth_s - robot.decided_s > QUIET_S:
             return "quiet"
         return "degraded" if robot.mind.degraded else "ready"

@@ -7,8 +7,9 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
+from chassis.refusal import Refusal
 from fleet.cli import app
-from fleet.record.address import FILE, Address, NoRunError, address_of, is_going_on, left_in, only_run
+from fleet.record.address import FILE, Address, address_of, is_going_on, left_in, only_run
 from fleet.status.standing import QUIET_S, WINDOW_S, Recent, Spread, Standing
 from fleet.status.table import shown
 from protocol.messages import Command, Mind, PublicScene, State, Timings, TrueRobot, Truth
@@ -204,13 +205,13 @@ def test_the_way_to_a_run_is_for_its_owner_alone_and_goes_with_it(tmp_path):
         assert is_going_on(tmp_path)
         assert address_of(tmp_path) == ADDRESS
     assert list(tmp_path.iterdir()) == []
-    with pytest.raises(NoRunError, match="this run has ended"):
+    with pytest.raises(Refusal, match="this run has ended"):
         address_of(tmp_path)
 
 
 def test_what_a_killed_bench_has_left_is_replaced(tmp_path):
     (tmp_path / FILE).write_text("old")
-    with pytest.raises(NoRunError, match="not what a run leaves there"):
+    with pytest.raises(Refusal, match="not what a run leaves there"):
         address_of(tmp_path)
     with left_in(tmp_path, ADDRESS):
         assert address_of(tmp_path) == ADDRESS
@@ -222,13 +223,13 @@ def test_a_run_goes_on_where_the_way_to_it_cannot_be_left(tmp_path):
 
 
 def test_the_only_run_is_found_and_several_are_named(tmp_path):
-    with pytest.raises(NoRunError, match="no run is going on in"):
+    with pytest.raises(Refusal, match="no run is going on in"):
         only_run(tmp_path)
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
     with left_in(tmp_path / "one", ADDRESS):
         assert only_run(tmp_path) == tmp_path / "one"
-        with left_in(tmp_path / "two", ADDRESS), pytest.raises(NoRunError, match=r"2 runs .*one, .*two"):
+        with left_in(tmp_path / "two", ADDRESS), pytest.raises(Refusal, match=r"2 runs .*one, .*two"):
             only_run(tmp_path)
 
 
