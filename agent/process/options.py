@@ -63,12 +63,6 @@ def checked_goals(value: GoalsName) -> GoalsName:
     return value
 
 
-def _checked_budget(value: float | None) -> float | None:
-    if value is not None and not 0.0 <= value < float("inf"):  # also refuses NaN
-        raise typer.BadParameter(f"{value} found, a number of milliseconds that is not negative is expected")
-    return value
-
-
 class DecisionOptions(Record):
     """How robots decide: what the robots of a run have in common."""
 
@@ -88,7 +82,6 @@ class DecisionOptions(Record):
         float | None,
         typer.Option(
             metavar="MS",
-            callback=_checked_budget,
             show_default="none, so that decisions do not depend on the clock",
         ),
     ] = Field(

@@ -1,7 +1,6 @@
 """What the page on the agent says of its options, its file and its check is what there is."""
 
 import re
-import typing
 from pathlib import Path
 
 import pytest
@@ -9,17 +8,17 @@ import typer
 import yaml
 from markdown_it import MarkdownIt
 
-from agent.check import command
-from agent.check.findings import Device, Finding
+import agent.check.device
+from agent.__main__ import main
+from agent.check.findings import Finding
 from agent.check.speed import DECISIONS, TIGHT
-from agent.check.world import Reached
-from agent.cli import app
-from agent.process.options import Configuration, options_in
+from agent.process.options import FileOptions, RobotOptions, options_in
+from chassis.refusal import app_of
 from protocol.device_keys import SOON
 from protocol.scene import MAX_ROBOTS, Goal
 
 PAGE = Path(__file__).parents[2] / "docs" / "agent.md"
-COMMAND = typing.cast(typing.Any, typer.main.get_command(app)).commands["agent"]
+COMMAND = typer.main.get_command(app_of(main))
 OPTIONS = {parameter.opts[0]: parameter for parameter in COMMAND.params if parameter.name != "help"}
 NONE = {"–", "none", "must be told"}
 
@@ -60,14 +59,14 @@ def test_the_table_says_of_each_option_what_is_so(row: list[str]) -> None:
     name, environment, in_file, default, _ = row
     parameter = OPTIONS[code(name) or ""]
     assert code(environment) == parameter.envvar
-    assert code(in_file) == (parameter.name if parameter.name in Configuration.model_fields else None)
+    assert code(in_file) == (parameter.name if parameter.name in FileOptions.model_fields else None)
     assert (default == "must be told") == parameter.required
     if parameter.name not in ("check", "json"):
         assert code(default) == (None if parameter.default is None else str(parameter.default))
 
 
 def test_every_name_in_the_file_is_in_the_table() -> None:
-    assert {code(row[2]) for row in rows("option")} - {None} == set(Configuration.model_fields)
+    assert {code(row[2]) for row in rows("option")} - {None} == set(FileOptions.model_fields)
 
 
 def test_the_example_can_be_used(tmp_path: Path) -> None:
@@ -81,12 +80,15 @@ def test_the_example_can_be_used(tmp_path: Path) -> None:
 
 def test_the_check_has_these_items_in_this_order(monkeypatch: pytest.MonkeyPatch) -> None:
     ready = Finding("", "ok", "")
-    monkeypatch.setattr(command, "check_world", lambda *_, **__: Reached(ready._replace(item="world")))
-    monkeypatch.setattr(command, "check_kernels", lambda: ready._replace(item="kernels"))
-    monkeypatch.setattr(command, "check_speed", lambda *_: ready._replace(item="decision time"))
-    goal = Goal(x_m=4.0, y_m=0.0, heading_rad=0.0)
-    device = Device("1", goal, "tcp/127.0.0.1:7447", None, None, "run", "ioc", "realtime", 2, None, 8, None)
-    assert [each.item for each in command.findings(device)] == [code(row[0]) for row in rows("item")]
+    for name, made in {
+        "check_world": (ready._replace(item="world"), None),
+        "check_kernels": ready._replace(item="kernels"),
+        "check_speed": ready._replace(item="decision time"),
+    }.items():
+        monkeypatch.setattr(agent.check.device, name, lambda *_, made=made, **__: made)
+    options = RobotOptions(robot="1", goal=Goal(x_m=4.0, y_m=0.0, heading_rad=0.0))
+    found = agent.check.device.findings(options, None)
+    assert [each.item for each in found] == [code(row[0]) for row in rows("item")]
 
 
 def test_the_numbers_on_the_page_are_those_of_the_check() -> None:

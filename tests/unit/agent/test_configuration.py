@@ -1,34 +1,35 @@
-"""The file of a robot's options: what it may hold, what is refused, and what goes before it."""
+"""A robot's options: on the command line, in the environment and in a file, and which goes before which."""
 
 from pathlib import Path
 
 import pytest
 import typer
+from hypothesis import given
+from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import agent.__main__
-from agent.check.findings import Device
 from agent.cli import app
-from agent.process.options import Configuration, options_in
-from chassis.refusal import Refusal
+from agent.process.options import FileOptions, RobotOptions, options_in, parse_goal
+from chassis.refusal import Refusal, app_of
 from protocol.scene import Goal
 
 WHOLE = """
 robot: 3
 goal: {x_m: 4, y_m: -4.5, heading_rad: -0.785}
 connect: tls/world.local:7447
+password_file: secret
 keys: keys/robot-3
 run: hall
 goals: ioc
 solver: reference
 iterations: 3
 budget_ms: 50
+watch_port: 9100
 robots: 4
 """
-OPTIONS = {
-    parameter.name
-    for parameter in typer.main.get_command(app).commands["agent"].params  # type: ignore[attr-defined]
-}
+COMMAND = typer.main.get_command(app_of(agent.__main__.main))
+OPTIONS = {each.name: each for each in COMMAND.params}
 
 
 @pytest.fixture
@@ -44,112 +45,175 @@ def file(tmp_path):
 
 @pytest.fixture
 def checked(monkeypatch):
-    """Runs the command line with ``--check``, and gives what it would check."""
-    devices = []
+    """Runs the command line with ``--check``, and gives the options that it would check."""
+    found = []
     monkeypatch.setattr(
-        agent.__main__, "check_device", lambda device, as_json: devices.append(device) or True
+        agent.__main__, "check_device", lambda options, config, as_json_text: found.append(options) or True
     )
 
     def run(*arguments, env=None):
-        told = CliRunner().invoke(app, ["agent", "--check", *map(str, arguments)], env=env)
-        return told, devices[-1] if devices else None
+        result = CliRunner().invoke(app, ["agent", "--check", *map(str, arguments)], env=env)
+        return result, found[-1] if found else None
 
     return run
 
 
-def test_every_option_that_says_how_a_robot_is_may_stand_in_the_file():
-    assert set(Configuration.model_fields) == OPTIONS - {"config", "check", "json", "help"}
+def test_every_field_is_an_option_of_the_command_line_the_environment_and_the_file():
+    assert set(OPTIONS) - {"config", "check", "json"} == set(RobotOptions.model_fields)
+    assert set(FileOptions.model_fields) == set(RobotOptions.model_fields)
+    for name, field in RobotOptions.model_fields.items():
+        option = OPTIONS[name]
+        assert option.opts == [f"--{name.replace('_', '-')}"]
+        assert option.envvar == f"UNSPOKEN_{name.upper()}"
+        assert option.required == field.is_required()
+        assert option.required or option.default == field.default
+        assert field.description
+        assert option.help == field.description
 
 
-def test_all_of_them_are_taken(file, checked, tmp_path):
-    told, device = checked("--config", path := file(WHOLE))
-    assert told.exit_code == 0, told.output
-    assert device == Device(
+def test_all_of_them_are_taken_from_the_file(file, checked, tmp_path):
+    result, options = checked("--config", file(WHOLE))
+    assert result.exit_code == 0, result.output
+    assert options == RobotOptions(
         robot="3",
         goal=Goal(x_m=4.0, y_m=-4.5, heading_rad=-0.785),
         connect="tls/world.local:7447",
-        password_file=None,
+        password_file=tmp_path / "secret",
         keys=tmp_path / "keys" / "robot-3",
         run="hall",
         goals="ioc",
         solver="reference",
         iterations=3,
-        budget_s=0.05,
+        budget_ms=50.0,
+        watch_port=9100,
         robots=4,
-        config=path,
     )
+    assert options.budget_s == 0.05
+
+
+NUMBERS = st.floats(-1e6, 1e6)
+
+
+@given(
+    st.builds(
+        RobotOptions,
+        robot=st.from_regex(r"\A[A-Za-z0-9][A-Za-z0-9_-]{0,31}\Z"),
+        goal=st.builds(Goal, x_m=NUMBERS, y_m=NUMBERS, heading_rad=NUMBERS),
+        connect=st.just("tcp/127.0.0.1:1"),
+        password_file=st.none() | st.just(Path("/a/b")),
+        keys=st.none() | st.just(Path("/a/b")),
+        run=st.just("hall"),
+        goals=st.sampled_from(["ioc", "joint-fit", "exchanged"]),
+        budget_ms=st.none() | st.floats(0.0, 1e9),
+    )
+)
+def test_the_environment_of_a_process_says_exactly_its_options(options):
+    found = []
+    command = app_of(agent.__main__.with_options(environment=True)(_noting(found)))
+    environment = {f"UNSPOKEN_{name.upper()}": value for name, value in options.as_environment().items()}
+    assert CliRunner().invoke(command, [], env=environment).exit_code == 0
+    assert found == [options]
+
+
+def _noting(found):
+    def note(options: RobotOptions) -> None:
+        found.append(options)
+
+    return note
 
 
 def test_the_command_line_goes_before_the_environment_and_that_before_the_file(file, checked):
     path = file("robot: 1\ngoal: {x_m: 1, y_m: 0, heading_rad: 0}\nrun: of-the-file\niterations: 7\n")
     env = {"UNSPOKEN_CONFIG": str(path), "UNSPOKEN_RUN": "of-the-environment", "UNSPOKEN_ROBOT": "2"}
-    _, device = checked("--robot", 5, env=env)
-    assert (device.robot, device.run, device.iterations) == ("5", "of-the-environment", 7)
-    assert device.connect == "tcp/127.0.0.1:7447", "the default"
+    _, options = checked("--robot", 5, env=env)
+    assert (options.robot, options.run, options.iterations) == ("5", "of-the-environment", 7)
+    assert options.connect == RobotOptions.model_fields["connect"].default
 
 
-def test_what_nobody_says_is_still_asked_for(file, checked):
-    told, device = checked("--config", file("run: hall\n"))
-    assert (told.exit_code, device) == (2, None)
-    assert "--robot" in told.output
+def test_an_option_that_nobody_gives_is_still_asked_for(file, checked):
+    result, options = checked("--config", file("run: hall\n"))
+    assert (result.exit_code, options) == (2, None)
+    assert "--robot" in result.output
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "words"),
+    [
+        ("ROBOT", "a/b", ("--robot", "'a/b' found")),
+        ("GOAL", "1,2", ("--goal", "'1,2' found, x,y,heading is expected")),
+        ("GOAL", "1,2,nan", ("--goal", "x,y,heading is expected")),
+        ("RUN", "*", ("--run", "'*' found")),
+        ("GOALS", "guess", ("--goals", "guess", "constant-acceleration")),
+        ("SOLVER", "slow", ("--solver", "slow", "realtime", "reference")),
+        ("ITERATIONS", "0", ("--iterations", "greater than or equal to 1")),
+        ("BUDGET_MS", "nan", ("--budget-ms", "greater than or equal to 0")),
+        ("BUDGET_MS", "inf", ("--budget-ms", "finite number")),
+        ("BUDGET_MS", "-1", ("--budget-ms", "greater than or equal to 0")),
+        ("CONNECT", 5000 * "x", ("--connect", "at most 4096 characters")),
+        ("WATCH_PORT", "65536", ("--watch-port", "65535")),
+    ],
+    ids=lambda each: each[:9] if isinstance(each, str) else "",
+)
+def test_an_option_from_the_environment_is_checked(variable, value, words):
+    right = {"UNSPOKEN_ROBOT": "1", "UNSPOKEN_GOAL": "1,2,3"}
+    result = CliRunner().invoke(app, ["agent"], env={**right, f"UNSPOKEN_{variable}": value})
+    assert (result.exit_code, result.stdout) == (2, "")
+    for word in words:
+        assert word in result.stderr
 
 
 MISTAKES = [
-    ("robot: 1\nrobto: 2\n", "agent.yaml:2: robto: there is no such field; did you mean 'robot'?"),
-    ("iterations: many\n", "agent.yaml:1: iterations: input should be a valid integer, found 'many'"),
-    ("iterations: 0\n", "agent.yaml:1: iterations: input should be greater than or equal to 1, found 0"),
-    ("budget_ms: .nan\n", "agent.yaml:1: budget_ms: input should be a finite number, found .nan"),
-    ("goal: 4,0,0\n", "agent.yaml:1: goal: a map with x_m, y_m, heading_rad is expected, found '4,0,0'"),
-    ("goal: {x_m: 4, y_m: 0}\n", "agent.yaml:1: goal.heading_rad: this field is missing"),
-    ("solver: quick\n", "agent.yaml:1: solver: input should be 'realtime' or 'reference', found 'quick'"),
-    ("run: a/b\n", "agent.yaml:1: run: string should match pattern "),
-    ("robots: 1000\n", "agent.yaml:1: robots: input should be less than or equal to 128, found 1000"),
-    ("run: a\nrun: b\n", "agent.yaml:2: 'run' is given twice, first in line 1: keep one of the two"),
-    ("- robot: 1\n", "agent.yaml:1: a map with robot, goal, connect"),
-    ("", "agent.yaml: the file is empty; a file of a robot's options needs a map with robot, goal"),
+    ("robot: 1\nrobto: 2\n", ":2: robto: there is no such field; did you mean 'robot'?"),
+    ("iterations: many\n", ":1: iterations: input should be a valid integer, found 'many'"),
+    ("iterations: 0\n", ":1: iterations: input should be greater than or equal to 1, found 0"),
+    ("budget_ms: .nan\n", ":1: budget_ms: input should be a finite number, found .nan"),
+    ("goal: 4,0,0\n", ":1: goal: a map with x_m, y_m, heading_rad is expected, found '4,0,0'"),
+    ("goal: {x_m: 4, y_m: 0}\n", ":1: goal.heading_rad: this field is missing"),
+    ("solver: quick\n", ":1: solver: input should be 'realtime' or 'reference', found 'quick'"),
+    ("run: a/b\n", ":1: run: string should match pattern "),
+    ("keys: 5\n", ":1: keys: input is not a valid path"),
+    ("robots: 1000\n", ":1: robots: input should be less than or equal to 128, found 1000"),
+    ("run: a\nrun: b\n", ":2: 'run' is given twice, first in line 1: keep one of the two"),
+    ("- robot: 1\n", ":1: a map with robot, goal, "),
+    ("", ": the file is empty; a file of a robot's options needs a map with robot, goal"),
 ]
 
 
-@pytest.mark.parametrize(("text", "told"), MISTAKES, ids=[text.strip() or "nothing" for text, _ in MISTAKES])
-def test_a_mistake_is_told_with_its_place(file, text, told):
+@pytest.mark.parametrize(("text", "words"), MISTAKES, ids=[text.strip() or "none" for text, _ in MISTAKES])
+def test_a_mistake_in_the_file_is_named_with_its_place(file, text, words):
     path = file(text)
     with pytest.raises(Refusal) as refused:
         options_in(path)
-    assert str(refused.value).startswith(f"{path.parent}/{told}")
+    assert str(refused.value).startswith(f"{path}{words}")
 
 
-def test_on_the_command_line_a_mistake_is_told_in_plain_lines(file, checked):
-    told, device = checked("--config", file("gaol: 1\nrun: 1.5\n"))
-    assert (told.exit_code, device) == (2, None)
-    first, second = told.stderr.splitlines()
+def test_on_the_command_line_mistakes_are_plain_lines(file, checked):
+    result, options = checked("--config", file("gaol: 1\nrun: 1.5\n"))
+    assert (result.exit_code, options) == (2, None)
+    first, second = result.stderr.splitlines()
     assert ":1: gaol: there is no such field; did you mean 'goal'?" in first
     assert ":2: run: input should be a valid string, found 1.5; put it in quotes" in second
-
-
-def test_a_file_that_is_not_there_is_a_clear_error(checked):
-    told, _ = checked("--config", "/nowhere/agent.yaml")
-    assert told.exit_code == 2
-    assert told.stderr == "/nowhere/agent.yaml: the file cannot be read: No such file or directory\n"
+    result, _ = checked("--config", "/nowhere/agent.yaml")
+    assert result.exit_code == 2
+    assert result.stderr == "/nowhere/agent.yaml: the file cannot be read: No such file or directory\n"
 
 
 def test_a_goal_is_not_for_everybody_to_read(file):
     goal = "goal: {x_m: 4, y_m: 0, heading_rad: 0}\n"
     with pytest.raises(Refusal, match=r"everybody .* can read the robot's goal \(mode 0644\).*chmod o= "):
         options_in(file(goal, 0o644))
-    assert options_in(file(goal, 0o640)) == {"goal": "4.0,0.0,0.0"}
+    assert options_in(file(goal, 0o640)) == {"goal": parse_goal("4,0,0")}
     assert options_in(file("robot: 1\n", 0o644)) == {"robot": "1"}
 
 
 def test_files_are_looked_for_beside_the_file(file, monkeypatch):
     path = file("password_file: secret\nkeys: /etc/unspoken/keys\n")
     monkeypatch.chdir(path.parent)
-    assert options_in(Path("agent.yaml")) == {
-        "password_file": str(path.parent / "secret"),
-        "keys": "/etc/unspoken/keys",
-    }
+    found = options_in(Path("agent.yaml"))
+    assert found == {"password_file": path.parent / "secret", "keys": Path("/etc/unspoken/keys")}
 
 
 def test_json_is_for_the_check_only():
-    told = CliRunner().invoke(app, ["agent", "--robot", "1", "--goal", "1,0,0", "--json"])
-    assert told.exit_code == 2
-    assert "--check" in told.output
+    result = CliRunner().invoke(app, ["agent", "--robot", "1", "--goal", "1,0,0", "--json"])
+    assert result.exit_code == 2
+    assert "--check" in result.output
