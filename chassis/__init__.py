@@ -1,1 +1,1 @@
-"""What every process here does: end well, be watched, talk to the service manager, refuse with a sentence."""
+"""What every process of ours does: begin and end well, be watched, read its files, refuse with a sentence."""

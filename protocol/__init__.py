@@ -1,6 +1,5 @@
-"""What crosses a process boundary, and nothing else.
+"""The wire: what robots, world and bench say to each other, and all that they have to read alike.
 
-Messages and their codec, the bus keys, the session settings, the public scene with the rules that every
-process has to read in the same way (limits, arrival), the scenario file that an experimenter writes, and
-how a process is told to end.
+Keys, messages and their codec, the version; sessions, who may do what, and how a name is proven; the public
+scene with the rules that hold for all (limits, arrival), and the scenario file that it comes from.
 """

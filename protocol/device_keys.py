@@ -42,43 +42,26 @@ class DeviceKeys:
     expires: datetime
     """When they cease to be accepted: the end of the certificate, or of its authority if that is earlier."""
 
-    @property
-    def authority(self) -> Path:
-        """The file with the authority's certificate."""
-        return self.folder / AUTHORITY_FILE
-
-    @property
-    def certificate(self) -> Path:
-        """The file with the device's certificate."""
-        return self.folder / CERTIFICATE_FILE
-
-    @property
-    def key(self) -> Path:
-        """The file with the device's private key."""
-        return self.folder / KEY_FILE
-
     def expire_soon(self, now: datetime) -> bool:
         """Whether they expire within ``SOON``."""
         return self.expires - now <= SOON
 
     def warning(self, now: datetime) -> str:
-        """What to tell a person who is about to use them; empty if there is nothing to tell."""
-        if not self.expire_soon(now):
-            return ""
-        return f"{self.folder}: these keys expire on {date_text(self.expires)}; {RENEW}"
+        """That they expire soon, for people; empty if they do not."""
+        expire = f"{self.folder}: these keys expire on {date_text(self.expires)}; {RENEW}"
+        return expire if self.expire_soon(now) else ""
 
 
 def load_device_keys(folder: Path, now: datetime) -> DeviceKeys:
-    """Read the keys of a device and check all that Zenoh would refuse later without telling why.
+    """Read the keys of a device and check all that Zenoh would refuse later without saying why.
 
     Args:
         folder: with ``authority.pem``, ``certificate.pem`` and ``key.pem``.
         now: the device's time, aware of its zone.
 
     Raises:
-        Refusal: the folder or a file is missing or cannot be read, Zenoh takes no such path, others may use
-            the private key, a file is not what it should be, key, certificate and authority do not belong
-            together, or one of the certificates is not valid now.
+        Refusal: a file is missing, not what it should be or open to others, Zenoh takes no such path, the
+            files do not belong together, or a certificate is not valid now.
     """
     _check_folder(folder)
     authority = read_certificate(folder / AUTHORITY_FILE)
@@ -92,15 +75,7 @@ def load_device_keys(folder: Path, now: datetime) -> DeviceKeys:
 
 
 def check_name(keys: DeviceKeys, expected: str) -> None:
-    """Refuse the keys of another device.
-
-    Args:
-        keys: of this device.
-        expected: a robot's id, ``WORLD_NAME`` or ``BENCH_NAME``.
-
-    Raises:
-        Refusal: they are those of somebody else.
-    """
+    """Refuse the keys of another device than a robot, by its id, ``WORLD_NAME`` or ``BENCH_NAME``."""
     if keys.name != expected:
         raise Refusal(
             f"{keys.folder}: these are the keys of {holder_text(keys.name)}, those of "
@@ -109,11 +84,7 @@ def check_name(keys: DeviceKeys, expected: str) -> None:
 
 
 def read_certificate(path: Path) -> x509.Certificate:
-    """The one certificate in a file.
-
-    Raises:
-        Refusal: the file cannot be read, or holds no certificate or several.
-    """
+    """The one certificate in a file; refused if it cannot be read, or holds none or several."""
     try:
         found = x509.load_pem_x509_certificates(_read(path)[0])
         for each in found:
@@ -126,11 +97,7 @@ def read_certificate(path: Path) -> x509.Certificate:
 
 
 def read_key(path: Path) -> PrivateKeyTypes:
-    """The private key in a file that only its owner may use.
-
-    Raises:
-        Refusal: the file cannot be read, can be used by others, or holds no private key without password.
-    """
+    """The private key in a file; refused if others may use it, or if it holds none without a password."""
     content, mode = _read(path)
     if mode & 0o077:
         raise Refusal(
@@ -144,21 +111,13 @@ def read_key(path: Path) -> PrivateKeyTypes:
 
 
 def check_pair(key: PrivateKeyTypes, certificate: x509.Certificate, folder: Path) -> None:
-    """Refuse a private key that is not that of the certificate beside it in the folder.
-
-    Raises:
-        Refusal: it belongs to another certificate.
-    """
+    """Refuse a private key that is not that of the certificate beside it in the folder."""
     if key.public_key() != certificate.public_key():
         raise Refusal(f"{folder / KEY_FILE}: not the private key of the certificate beside it; {_COPY_AGAIN}")
 
 
 def check_time(certificate: x509.Certificate, path: Path, now: datetime) -> None:
-    """Refuse a certificate outside its time.
-
-    Raises:
-        Refusal: it is not valid yet, or no longer.
-    """
+    """Refuse a certificate that is not valid yet, or no longer."""
     begin, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
     if now < begin:
         raise Refusal(
@@ -174,11 +133,7 @@ def check_time(certificate: x509.Certificate, path: Path, now: datetime) -> None
 
 
 def name_in(certificate: x509.Certificate, path: Path) -> str:
-    """The common name in a certificate.
-
-    Raises:
-        Refusal: there is not exactly one.
-    """
+    """The common name in a certificate; refused unless there is exactly one."""
     names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
     if len(names) != 1:
         raise Refusal(f"{path}: one common name is expected in it, found {len(names)}; {_COPY_AGAIN}")

@@ -14,6 +14,7 @@ from protocol.device_keys import DeviceKeys, check_name, load_device_keys
 
 ON_THIS_MACHINE = ("unixsock-stream/", "unixpipe/")
 ENCRYPTED = "tls/"
+PASSWORD_BYTES = 24
 
 
 def is_local(endpoint: str) -> bool:
@@ -56,9 +57,6 @@ def check_keys_fit(endpoint: str, keys: Path | None) -> None:
         )
 
 
-PASSWORD_BYTES = 24
-
-
 @dataclass(frozen=True)
 class Login:
     """A name and the password that proves it; the password shows up in no representation."""
@@ -73,29 +71,17 @@ def new_passwords(names: Iterable[str]) -> dict[str, str]:
 
 
 def write_users(path: Path, passwords: Mapping[str, str]) -> None:
-    """Write the file that tells a world who may connect, for its owner alone.
-
-    Raises:
-        OSError: it exists, or cannot be written.
-    """
+    """Write a new file that tells a world who may connect, for its owner alone."""
     write_private(path, "".join(f"{name}:{password}\n" for name, password in passwords.items()))
 
 
 def write_password(path: Path, password: str) -> None:
-    """Write the file that tells one participant its password, for its owner alone.
-
-    Raises:
-        OSError: it exists, or cannot be written.
-    """
+    """Write a new file with the password of one participant, for its owner alone."""
     write_private(path, password + "\n")
 
 
 def read_users(path: Path) -> tuple[str, ...]:
-    """The names in a file of a world's users.
-
-    Raises:
-        Refusal: it cannot be read, can be read by others, or a line of it is not ``name:password``.
-    """
+    """The names in a file of a world's users; refused if others can read it, or a line is wrong."""
     names = []
     for number, line in enumerate(_read_private(path).splitlines(), start=1):
         name, _, password = line.partition(":")
@@ -106,11 +92,7 @@ def read_users(path: Path) -> tuple[str, ...]:
 
 
 def read_password(path: Path) -> str:
-    """The password in a file.
-
-    Raises:
-        Refusal: it cannot be read, can be read by others, or does not hold one line.
-    """
+    """The password in a file; refused if others can read it, or if it does not hold one line."""
     lines = _read_private(path).splitlines()
     if len(lines) != 1 or not lines[0]:
         raise Refusal(f"{path}: {len(lines)} lines found, one line with the password is expected")

@@ -14,7 +14,7 @@ from typing import Any, Final, TypedDict
 import zenoh
 
 from chassis.health import BEAT_S
-from protocol.device_keys import DeviceKeys
+from protocol.device_keys import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, DeviceKeys
 from protocol.identity import Identity, Login
 from protocol.policy import AccessControl
 
@@ -128,9 +128,9 @@ def _transport(
     if isinstance(proof, DeviceKeys):
         link["protocols"] = ["tls"]
         link["tls"] = {
-            "root_ca_certificate": str(proof.authority),
-            f"{side}_certificate": str(proof.certificate),
-            f"{side}_private_key": str(proof.key),
+            "root_ca_certificate": str(proof.folder / AUTHORITY_FILE),
+            f"{side}_certificate": str(proof.folder / CERTIFICATE_FILE),
+            f"{side}_private_key": str(proof.folder / KEY_FILE),
             "enable_mtls": True,
             "verify_name_on_connect": True,
             "close_link_on_expiration": True,

@@ -14,7 +14,7 @@ from agent.process.options import RobotOptions
 from agent.process.robot import agent_in, ask_for_scene, make_agent
 from chassis.refusal import Refusal
 from protocol.codec import MessageError
-from protocol.device_keys import DeviceKeys
+from protocol.device_keys import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, DeviceKeys
 from protocol.identity import Identity
 from protocol.keys import Keys
 from protocol.scene import Scene
@@ -98,8 +98,8 @@ def _connect(address: tuple[str, int] | str) -> socket.socket:
 
 def _shake_hands(connection: socket.socket, host: str, keys: DeviceKeys, endpoint: str) -> None:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-    context.load_verify_locations(keys.authority)
-    context.load_cert_chain(keys.certificate, keys.key)
+    context.load_verify_locations(keys.folder / AUTHORITY_FILE)
+    context.load_cert_chain(keys.folder / CERTIFICATE_FILE, keys.folder / KEY_FILE)
     try:
         with context.wrap_socket(connection, server_hostname=host) as encrypted:
             encrypted.settimeout(REFUSED_S)

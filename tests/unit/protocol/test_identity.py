@@ -35,7 +35,10 @@ def test_a_password_keys_or_nothing_is_what_a_client_proves_itself_with(
     own = client_identity("7", TLS, None, keys, NOW)
     assert isinstance(own, DeviceKeys)
     tls = client_session(TLS, own).config["transport"]["link"]["tls"]
-    assert (tls["root_ca_certificate"], tls["connect_private_key"]) == (str(own.authority), str(own.key))
+    assert (tls["root_ca_certificate"], tls["connect_private_key"]) == (
+        str(keys / "authority.pem"),
+        str(keys / "key.pem"),
+    )
     assert "listen_private_key" not in tls
 
 
