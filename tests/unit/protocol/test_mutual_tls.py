@@ -11,23 +11,24 @@ from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from queue import Queue
-from typing import Any
 
 import pytest
 import zenoh
 from certificate_helpers import DAYS, keys_of, new_authority
 
 from fleet.keys.authority import Authority
-from protocol.keys import BENCH_NAME, WORLD_NAME
+from protocol.device_keys import DeviceKeys
+from protocol.keys import BENCH_NAME, WORLD_NAME, Keys
+from protocol.policy import AccessControl, access_control, rights_of
 from protocol.session import NEVER_DROP, SessionSettings, client_session, world_session
 
 NOW = datetime.now(UTC).replace(microsecond=0)
+LONG_AGO = NOW - timedelta(days=DAYS + 1)
 PATIENCE_S = 60
 """Ends a test that would otherwise wait for ever; nothing is asserted about times."""
 REFUSED_S = 1.5
 """After which a robot gives up: in the time of dozens of good connections."""
-Tree = dict[str, Any]
-KEY = "unspoken/test/command/7"
+KEYS = Keys("test")
 
 
 @pytest.fixture(scope="module")
@@ -45,62 +46,47 @@ def world_keys(tmp_path: Path, authority: Authority) -> Path:
     return keys_of(WORLD_NAME, tmp_path, authority, NOW)
 
 
-def config(settings: SessionSettings, tls: Tree, access: Tree | None = None) -> zenoh.Config:
-    tree = json.loads(json.dumps(settings.config))
-    tree["transport"]["link"] |= {"protocols": ["tls"], "tls": tls}
-    return zenoh.Config.from_json5(json.dumps(tree | ({"access_control": access} if access else {})))
+def taken_as_they_are(folder: Path) -> DeviceKeys:
+    """Keys that nobody has checked, so that Zenoh has to."""
+    return DeviceKeys(folder, "whoever", NOW)
+
+
+def opened(settings: SessionSettings, **changed: object) -> zenoh.Session:
+    """A session with some of its TLS settings changed; None takes one away."""
+    config = json.loads(json.dumps(settings.config))
+    tls = config["transport"]["link"]["tls"] | changed
+    config["transport"]["link"]["tls"] = {name: value for name, value in tls.items() if value is not None}
+    return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
 
 
 @contextmanager
 def world_with(
-    folder: Path, *, mtls: bool = True, access: Tree | None = None
+    folder: Path, *, mtls: bool = True, access: AccessControl | None = None
 ) -> Iterator[tuple[zenoh.Session, str]]:
-    """A world that listens with these keys, and its endpoint."""
-    tls: Tree = {
-        "root_ca_certificate": str(folder / "authority.pem"),
-        "listen_certificate": str(folder / "certificate.pem"),
-        "listen_private_key": str(folder / "key.pem"),
-        "enable_mtls": mtls,
-        "close_link_on_expiration": True,
-    }
-    session, endpoint = _listening(tls, access)
-    with session:
-        yield session, endpoint
-
-
-def _listening(tls: Tree, access: Tree | None) -> tuple[zenoh.Session, str]:
-    """At a free port: another process may take it meanwhile, then another one is tried."""
+    """A world that listens with these keys, and its endpoint; another process may take a free port before."""
     for _ in range(10):
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             endpoint = f"tls/127.0.0.1:{free.getsockname()[1]}"
         try:
-            return zenoh.open(config(world_session(endpoint), tls, access)), endpoint
+            session = opened(world_session(endpoint, access, taken_as_they_are(folder)), enable_mtls=mtls)
         except zenoh.ZError as error:
             if "in use" not in str(error):
                 raise
+        else:
+            with session:
+                yield session, endpoint
+            return
     raise AssertionError("no free port in ten attempts")
 
 
-def open_robot(endpoint: str, folder: Path) -> zenoh.Session:
-    return zenoh.open(
-        config(
-            client_session(endpoint, patience_s=REFUSED_S),
-            {
-                "root_ca_certificate": str(folder / "authority.pem"),
-                "connect_certificate": str(folder / "certificate.pem"),
-                "connect_private_key": str(folder / "key.pem"),
-                "enable_mtls": True,
-                "verify_name_on_connect": True,
-                "close_link_on_expiration": True,
-            },
-        )
-    )
+def robot_with(endpoint: str, folder: Path, **changed: object) -> zenoh.Session:
+    return opened(client_session(endpoint, taken_as_they_are(folder), REFUSED_S), **changed)
 
 
-def is_let_in(endpoint: str, folder: Path) -> bool:
+def is_let_in(endpoint: str, folder: Path, **changed: object) -> bool:
     try:
-        robot = open_robot(endpoint, folder)
+        robot = robot_with(endpoint, folder, **changed)
     except zenoh.ZError as error:
         if "Unable to connect" not in str(error):
             raise
@@ -110,21 +96,13 @@ def is_let_in(endpoint: str, folder: Path) -> bool:
 
 
 @pytest.mark.parametrize("name", ["7", "Robot_2-b", BENCH_NAME])
-def test_world_and_client_speak_with_keys_of_one_authority(
+def test_clients_with_keys_of_the_worlds_authority_are_let_in_by_address_and_by_name(
     world_keys: Path, tmp_path: Path, authority: Authority, name: str
 ) -> None:
     folder = keys_of(name, tmp_path, authority, NOW)
-    heard: Queue[bytes] = Queue()
-    with world_with(world_keys) as (world, endpoint):
-        world.declare_subscriber(KEY, lambda sample: heard.put(bytes(sample.payload)))
-        with open_robot(endpoint, folder) as robot:
-            robot.put(KEY, b"hello", **NEVER_DROP)
-            assert heard.get(timeout=PATIENCE_S) == b"hello"
-
-
-def test_the_world_is_found_by_its_name_too(world_keys: Path, good: Path) -> None:
     with world_with(world_keys) as (_, endpoint):
-        assert is_let_in(endpoint.replace("127.0.0.1", "localhost"), good)
+        assert is_let_in(endpoint, folder)
+        assert is_let_in(endpoint.replace("127.0.0.1", "localhost"), folder)
 
 
 def test_a_robot_of_another_authority_is_refused(world_keys: Path, good: Path, tmp_path: Path) -> None:
@@ -138,46 +116,35 @@ def test_a_robot_of_another_authority_is_refused(world_keys: Path, good: Path, t
         assert is_let_in(endpoint, stranger)
 
 
-def test_a_robot_refuses_the_world_of_another_authority(
-    good: Path, tmp_path: Path, authority: Authority
-) -> None:
-    """The world trusts the robot's authority, so that the refusal is the robot's."""
-    imposter = keys_of(WORLD_NAME, tmp_path, new_authority(NOW), NOW)
-    (imposter / "authority.pem").write_bytes(authority.certificate_pem)
-    with world_with(imposter) as (_, endpoint):
-        assert not is_let_in(endpoint, good)
+def test_a_robot_without_keys_is_refused_because_mutual_tls_is_on(world_keys: Path, good: Path) -> None:
+    none = {"connect_certificate": None, "connect_private_key": None, "enable_mtls": None}
+    with world_with(world_keys) as (_, endpoint):
+        assert not is_let_in(endpoint, good, **none)
+    with world_with(world_keys, mtls=False) as (_, endpoint):
+        assert is_let_in(endpoint, good, **none)
 
 
 def test_an_expired_robot_is_refused(tmp_path: Path) -> None:
-    once = NOW - timedelta(days=DAYS + 1)
-    authority = new_authority(once)
-    expired = keys_of("8", tmp_path, authority, once)
+    authority = new_authority(LONG_AGO)
+    expired = keys_of("8", tmp_path, authority, LONG_AGO)
     with world_with(keys_of(WORLD_NAME, tmp_path, authority, NOW)) as (_, endpoint):
         assert not is_let_in(endpoint, expired)
         assert is_let_in(endpoint, keys_of("9", tmp_path, authority, NOW))
 
 
 def test_an_expired_world_is_refused(tmp_path: Path) -> None:
-    once = NOW - timedelta(days=DAYS + 1)
-    authority = new_authority(once)
-    with world_with(keys_of(WORLD_NAME, tmp_path, authority, once)) as (_, endpoint):
+    authority = new_authority(LONG_AGO)
+    with world_with(keys_of(WORLD_NAME, tmp_path, authority, LONG_AGO)) as (_, endpoint):
         assert not is_let_in(endpoint, keys_of("9", tmp_path, authority, NOW))
 
 
-def test_a_robot_without_keys_is_refused_because_mutual_tls_is_on(world_keys: Path, good: Path) -> None:
-    def is_let_in_without_keys(endpoint: str) -> bool:
-        tls: Tree = {"root_ca_certificate": str(good / "authority.pem")}
-        try:
-            robot = zenoh.open(config(client_session(endpoint, patience_s=REFUSED_S), tls))
-        except zenoh.ZError:
-            return False
-        with robot:
-            return bool(robot.info.routers_zid())
-
-    with world_with(world_keys) as (_, endpoint):
-        assert not is_let_in_without_keys(endpoint)
-    with world_with(world_keys, mtls=False) as (_, endpoint):
-        assert is_let_in_without_keys(endpoint)
+def test_a_robot_refuses_whoever_is_not_its_world(good: Path, tmp_path: Path, authority: Authority) -> None:
+    """One of another authority, which trusts the robot's; and one whose certificate is for a client."""
+    imposter = keys_of(WORLD_NAME, tmp_path, new_authority(NOW), NOW)
+    (imposter / "authority.pem").write_bytes(authority.certificate_pem)
+    for folder in (imposter, keys_of("8", tmp_path, authority, NOW, "127.0.0.1")):
+        with world_with(folder) as (_, endpoint):
+            assert not is_let_in(endpoint, good)
 
 
 def test_a_world_at_a_host_that_its_certificate_does_not_name_is_refused(
@@ -188,37 +155,17 @@ def test_a_world_at_a_host_that_its_certificate_does_not_name_is_refused(
         assert is_let_in(endpoint.replace("127.0.0.1", "localhost"), good)
 
 
-def test_a_robot_cannot_be_taken_for_the_world(good: Path, tmp_path: Path, authority: Authority) -> None:
-    """Although it says that it is at the right host: its certificate is for a client."""
-    robot_at_the_host = keys_of("8", tmp_path, authority, NOW, "127.0.0.1")
-    with world_with(robot_at_the_host) as (_, endpoint):
-        assert not is_let_in(endpoint, good)
-
-
 def test_zenoh_grants_access_by_the_name_in_the_certificate(
     world_keys: Path, tmp_path: Path, authority: Authority
 ) -> None:
     """Robot 7 may say what robot 7 wants, robot 8 may not."""
-    access = {
-        "enabled": True,
-        "default_permission": "deny",
-        "rules": [
-            {
-                "id": "commands",
-                "permission": "allow",
-                "flows": ["ingress"],
-                "messages": ["put"],
-                "key_exprs": [KEY],
-            }
-        ],
-        "subjects": [{"id": "7", "cert_common_names": ["7"]}],
-        "policies": [{"rules": ["commands"], "subjects": ["7"]}],
-    }
+    key = KEYS.command("7")
     heard: Queue[bytes] = Queue()
+    access = access_control(rights_of(KEYS, ["7", "8"]), "cert_common_names")
     with world_with(world_keys, access=access) as (world, endpoint):
-        world.declare_subscriber(KEY, lambda sample: heard.put(bytes(sample.payload)))
+        world.declare_subscriber(key, lambda sample: heard.put(bytes(sample.payload)))
         for name in ("8", "7"):
-            with open_robot(endpoint, keys_of(name, tmp_path, authority, NOW)) as robot:
-                robot.put(KEY, name.encode(), **NEVER_DROP)
+            with robot_with(endpoint, keys_of(name, tmp_path, authority, NOW)) as robot:
+                robot.put(key, name.encode(), **NEVER_DROP)
         assert heard.get(timeout=PATIENCE_S) == b"7"
         assert heard.empty()

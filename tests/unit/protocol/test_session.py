@@ -1,4 +1,4 @@
-"""Session settings: what Zenoh makes of them, and sessions that really speak to each other with them."""
+"""Session settings as Zenoh reads them, sessions that really speak with them, and how one is waited for."""
 
 import json
 import socket
@@ -12,8 +12,9 @@ from typing import Any
 import pytest
 import zenoh
 
+import protocol.session
 from protocol.messages import MAX_PAYLOAD_BYTES
-from protocol.session import NEVER_DROP, client_session, world_session
+from protocol.session import NEVER_DROP, Opening, client_session, world_session
 
 PATIENCE_S = 60
 """Ends a test that would otherwise wait for ever; nothing is asserted about times."""
@@ -37,36 +38,31 @@ EVERYWHERE = {
 }
 
 
-@pytest.mark.parametrize("session", [world_session, client_session])
-@pytest.mark.parametrize(("key", "value"), EVERYWHERE.items())
-def test_zenoh_reads_the_measured_settings(session: Any, key: str, value: Any) -> None:
-    assert read_back(session(TCP).to_zenoh(), key) == value
-
-
-def test_the_world_is_a_router_that_listens_and_connects_to_nobody() -> None:
-    config = world_session(TCP).to_zenoh()
-    assert read_back(config, "mode") == "router"
-    assert read_back(config, "listen/endpoints") == [TCP]
-    assert read_back(config, "connect/endpoints") == []
-
-
-def test_robots_and_bench_are_clients_that_wait_for_the_world_and_listen_nowhere() -> None:
-    config = client_session(TCP).to_zenoh()
-    assert read_back(config, "mode") == "client"
-    assert read_back(config, "connect/endpoints") == [TCP]
-    assert read_back(config, "listen/endpoints") == []
-    assert read_back(config, "connect/timeout_ms") == -1
-    assert read_back(config, "connect/exit_on_failure") is False
-    assert read_back(config, "connect/retry") == {
-        "period_init_ms": 100,
-        "period_max_ms": 500,
-        "period_increase_factor": 1.5,
-    }
-
-
-def test_an_endpoint_that_is_none_is_refused() -> None:
-    with pytest.raises(zenoh.ZError):
-        client_session("nowhere").to_zenoh()
+@pytest.mark.parametrize(
+    ("session", "own"),
+    [
+        (world_session, {"mode": "router", "listen/endpoints": [TCP], "connect/endpoints": []}),
+        (
+            client_session,
+            {
+                "mode": "client",
+                "connect/endpoints": [TCP],
+                "listen/endpoints": [],
+                "connect/timeout_ms": -1,
+                "connect/exit_on_failure": False,
+                "connect/retry": {
+                    "period_init_ms": 100,
+                    "period_max_ms": 500,
+                    "period_increase_factor": 1.5,
+                },
+            },
+        ),
+    ],
+)
+def test_zenoh_reads_the_settings(session: Any, own: dict[str, Any]) -> None:
+    """The world listens and connects to nobody; clients wait for it and listen nowhere."""
+    config, expected = session(TCP).to_zenoh(), EVERYWHERE | own
+    assert {key: read_back(config, key) for key in expected} == expected
 
 
 class Listener:
@@ -168,3 +164,60 @@ def test_half_open_connections_keep_nobody_out(of_ours: bool) -> None:
         assert is_let_in(port)
         with idle_sockets(port):
             assert is_let_in(port) == of_ours  # with Zenoh's own settings they would
+
+
+@pytest.fixture
+def _hasty(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(protocol.session, "PATIENCE_S", 0.05)
+
+
+def unexpected() -> None:
+    raise AssertionError("its absence was told")
+
+
+@pytest.mark.usefixtures("_hasty")
+def test_absence_is_told_again_and_again_until_the_world_comes(endpoint):
+    opening, beats, told, worlds = Opening(), [], [], []
+
+    def tell() -> None:
+        told.append(len(beats))
+        if len(told) == 3:
+            worlds.append(zenoh.open(world_session(endpoint).to_zenoh()))
+
+    opening.begin(client_session(endpoint))
+    session = opening.wait(lambda: beats.append(None), tell, every_s=0.01)
+    try:
+        assert session is not None
+        assert len(told) >= 3
+        assert len(beats) > told[-1] > told[0] >= 1
+    finally:
+        session.close()
+        worlds[0].close()
+
+
+def test_a_wish_to_end_ends_the_waiting_from_another_thread(endpoint):
+    opening = Opening()
+    opening.begin(client_session(endpoint))
+    waits = threading.Event()
+    ender = threading.Thread(target=lambda: (waits.wait(), opening.stop()))
+    ender.start()
+    assert opening.wait(lambda: None, waits.set) is None
+    ender.join()
+
+
+def test_a_wish_to_end_before_the_waiting_counts_as_well():
+    opening = Opening()
+    opening.stop()
+    assert opening.wait(lambda: None, unexpected) is None
+
+
+def test_an_endpoint_that_is_none_is_an_error_at_once():
+    with pytest.raises(zenoh.ZError):
+        Opening().begin(client_session("nowhere"))
+
+
+def test_an_opening_that_fails_is_an_error_where_it_is_waited_for(endpoint):
+    opening = Opening()
+    opening.begin(client_session(endpoint, patience_s=0.1))
+    with pytest.raises(zenoh.ZError):
+        opening.wait(lambda: None, lambda: None)
