@@ -1,6 +1,7 @@
 """Scenario files: YAML in, a valid scenario or one exception for people out; and the way back."""
 
 import math
+from collections.abc import Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -9,16 +10,25 @@ import yaml
 from pydantic import BeforeValidator, Field, model_validator
 
 from chassis.files import Record
-from chassis.refusal import Refusal
 from chassis.yaml_file import mistake_at, parse_as, read_as
-from protocol.faults import MAX_FAULTS, FaultFile, Faults, Interval, as_tuple, unknown_robot
 from protocol.keys import Id
 from protocol.scene import MAX_ROBOTS, Goal, Metres, NonNegative, PublicRobot, Rules, Scene
 
+MAX_FAULTS = 256
 MAX_DELAY_STEPS = 10
 """Robots forget whom they have not seen for this long (``agent.remember.memory.LONGEST_GAP``)."""
 MAX_ABSENCES = 16 + MAX_FAULTS
 """Of one robot; each of its faults may be one."""
+
+
+def as_tuple(value: object) -> object:
+    """A list, as YAML has it, for a field that is a tuple."""
+    return tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else value
+
+
+Time = Annotated[float, Field(ge=0, le=1e5)]
+"""Simulated seconds since step 0."""
+Interval = Annotated[tuple[Time, Time], BeforeValidator(as_tuple)]
 
 
 class Pose(Record):
@@ -84,8 +94,8 @@ class Scenario(Rules):
     time_limit_s: Annotated[float, Field(gt=0, le=1e5)] = 60.0
     sensing: Sensing = Sensing()
     robots: Annotated[list[ScenarioRobot], Field(min_length=1, max_length=MAX_ROBOTS)]
-    faults: Faults = ()
-    """What is to break during the run."""
+    faults: Annotated[tuple[Any, ...], BeforeValidator(as_tuple), Field(max_length=MAX_FAULTS)] = ()
+    """What is to break during the run: the bench knows the kinds (``fleet.inject.scenario``), nobody else."""
 
     def scene(self, *, with_goals: bool) -> Scene:
         """What everybody may know; the goals only for a run with exchanged goals."""
@@ -107,12 +117,6 @@ class Scenario(Rules):
             if robot.id in seen:
                 raise mistake_at(f"robots.{index}.id", f"the id {robot.id!r} is used twice; ids must differ")
             seen.add(robot.id)
-        return self
-
-    @model_validator(mode="after")
-    def _faults_befall_robots_that_exist(self) -> Self:
-        if found := unknown_robot(self.faults, [robot.id for robot in self.robots]):
-            raise mistake_at(*found)
         return self
 
     @model_validator(mode="after")
@@ -168,28 +172,6 @@ def parse_scenario(text: str, path: Path) -> Scenario:
         Refusal: as of ``load_scenario``.
     """
     return parse_as(text, path, Scenario, "scenario")
-
-
-def with_faults(scenario: Scenario, path: Path) -> Scenario:
-    """A scenario with the faults of a file after its own.
-
-    Raises:
-        Refusal: as of ``load_scenario``; or the file names robots that the scenario lacks, or there are
-            too many faults together.
-    """
-
-    def befall_robots_that_exist(file: FaultFile) -> None:
-        if found := unknown_robot(file.faults, [robot.id for robot in scenario.robots]):
-            raise mistake_at(*found)
-
-    file = read_as(path, FaultFile, "file of faults", befall_robots_that_exist)
-    merged = (*scenario.faults, *file.faults)
-    if len(merged) > MAX_FAULTS:
-        raise Refusal(
-            f"{path}: {len(merged)} faults, those of the scenario included, are too many; at most "
-            f"{MAX_FAULTS} can befall a run: leave some out"
-        )
-    return scenario.model_copy(update={"faults": merged})
 
 
 def scenario_text(scenario: Scenario) -> str:

@@ -113,6 +113,11 @@ class Judge:
         except MessageError as error:
             self._refusals.add(robot, "not a valid message", str(error))
             return None
+        self.take(robot, command)
+        return command
+
+    def take(self, robot: str, command: Command) -> None:
+        """A command has come from a robot, which may be refused."""
         reason = self._world.refusal(robot, command)
         if reason is None and robot in self.answers:
             reason = "answers a step again"
@@ -126,7 +131,6 @@ class Judge:
                 f"command of robot {command.robot}, epoch {command.epoch}, step {command.step} "
                 f"at step {self._world.step}",
             )
-        return command
 
 
 class Misses:

@@ -9,7 +9,7 @@ from agent.solve.deadline import Clock, Deadline
 from fleet.audit.difference import Difference, Part, compared
 from fleet.audit.recorded import RecordedRun, too_many
 from fleet.run.listening import obeyed
-from fleet.run.moment import agent_of
+from fleet.run.virtual import agent_of
 from protocol.messages import Command, Mind, Observation, Truth, Verdict
 from world.world import World
 

@@ -10,10 +10,11 @@ from pydantic import AfterValidator, Field, ValidationError, field_serializer
 
 from agent.estimate import GoalsName
 from agent.solve import SolverName
+from fleet.inject.scenario import Scenario
 from fleet.record.machine import Machine
 from fleet.record.report_file import Record
 from fleet.run.experiment import VIRTUAL, RunFacts
-from protocol.scenario import Scenario, Sensing
+from protocol.scenario import Sensing
 
 AS_IN_THE_FILE = "none"
 """This level leaves a scenario's sensing as its file says."""

@@ -2,19 +2,16 @@
 
 from collections import Counter
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Self
 
 from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
 from chassis.files import Record
 from chassis.yaml_file import read_as
-from fleet.inject.schedule import Scheduled, schedule
-from protocol.faults import ClockStep, DiskFull, Faults, Pause, RecorderDies, as_tuple
-from protocol.scenario import Scenario
+from fleet.inject.scenario import Faults
+from protocol.scenario import as_tuple
 
 BUNDLED = Path(__file__).with_name("suite.yaml")
-PROCESSES_ONLY = (ClockStep, Pause, DiskFull, RecorderDies)
-"""Kinds that mean nothing in virtual time."""
 
 CaseName = Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
 
@@ -34,11 +31,7 @@ class Case(Record):
     @property
     def needs_processes(self) -> bool:
         """Whether it means nothing in virtual time."""
-        return any(isinstance(fault, PROCESSES_ONLY) for fault in self.faults)
-
-    def scheduled(self, scenario: Scenario, seed: int) -> list[Scheduled[Any]]:
-        """The faults with their times."""
-        return schedule(self.faults, seed=seed, step_s=scenario.step_s)
+        return any(fault.needs_processes for fault in self.faults)
 
 
 class Suite(Record):
@@ -47,7 +40,7 @@ class Suite(Record):
     cases: Annotated[tuple[Case, ...], BeforeValidator(as_tuple), Field(min_length=1, max_length=1000)]
 
     @model_validator(mode="after")
-    def _names_differ(self) -> "Suite":
+    def _names_differ(self) -> Self:
         twice = [name for name, count in Counter(case.name for case in self.cases).items() if count > 1]
         if twice:
             raise ValueError(f"the name {twice[0]!r} is used twice; names of cases must differ")
@@ -58,6 +51,6 @@ def load_cases(path: Path) -> tuple[Case, ...]:
     """Read a suite of faults.
 
     Raises:
-        Refusal: the file cannot be read or is no such suite; told with file, line and field.
+        Refusal: the file cannot be read or is no such suite; with file, line and field.
     """
     return read_as(path, Suite, "suite of faults").cases

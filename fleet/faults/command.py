@@ -1,19 +1,32 @@
-"""``unspoken faults``: the command line."""
+"""``unspoken faults``: lets things break in many crossings, and says what did not hold."""
 
+import json as to_json
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from statistics import median
 from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.table import Table
 
 from agent.estimate import DEFAULT_GOALS, GoalsName
 from agent.process.options import DecisionOptions
 from chassis.options import option
+from chassis.refusal import ExitStatus, Refusal
 from fleet.evaluate.command import CORES
+from fleet.evaluate.running import local_cluster, outcomes
 from fleet.faults.cases import BUNDLED, Case, load_cases
-from fleet.faults.trial import Trial
-from fleet.record.report_file import JsonOption
+from fleet.faults.trial import Outcome, Trial, in_processes, in_virtual_time
+from fleet.inject.scenario import unknown_robot
+from fleet.interruption import Interruption
+from fleet.record.report_file import TO_STDOUT, JsonOption, write_report
+from fleet.record.tables import new_table, number
+from fleet.run.progress import announced, compile_solver, progress_of_many
 from fleet.scenarios.command import checked_numbers, numbers_in
-from protocol.faults import unknown_robot
+
+VERSION = 1
+"""Of the report."""
 
 
 def faults(
@@ -48,50 +61,134 @@ def faults(
 
     In every trial no healthy robot may be in a collision that it could have avoided by braking, all healthy
     robots must arrive, nothing may be amiss before the fault, and nothing may be lost from the recording. A
-    trial in which something does not hold is told with the command that repeats it. docs/faults.md explains
-    the cases.
+    trial in which something does not hold is printed with the command that repeats it. docs/faults.md
+    explains the cases.
 
     Exit status: 0 everything held, 1 something did not, or interrupted, 2 wrong usage, 3 the trials could not
     be made.
     """
     path = suite or BUNDLED
-    cases = _chosen(load_cases(path), only, path)
-    if not processes:
-        cases = [case for case in cases if not case.needs_processes]
-    if not cases:
-        raise typer.BadParameter("in virtual time these cases mean nothing; give --processes")
-    _check_robots(cases, min(numbers_in(robots)), path)
+    cases = _chosen(path, only, numbers_in(robots), processes)
     trials = [
         Trial(case, number, seed, goals)
         for case in cases
         for number in numbers_in(robots)
         for seed in range(first_seed, first_seed + seeds)
     ]
-    from fleet.faults.conducting import conduct  # Dask takes long to import
+    console = Console(highlight=False, stderr=json == TO_STDOUT)
+    errors = Console(highlight=False, stderr=True)
+    done: list[Outcome] = []
+    complaint: Refusal | None = None
+    try:
+        for outcome in _made(trials, workers or CORES, processes, errors):
+            done.append(outcome)
+    except KeyboardInterrupt:
+        pass  # said below
+    except Refusal as error:  # what was made before is printed first
+        complaint = error
+    order = {(trial.case.name, trial.robots, trial.seed): index for index, trial in enumerate(trials)}
+    done.sort(key=lambda each: order[each.case, each.robots, each.seed])
+    if done:
+        console.print(_table(done))
+    command = " ".join(["unspoken faults", *([str(suite)] if suite else []), f"--goals {goals}"])
+    for text in _failures(done, command + (" --processes" if processes else "")):
+        console.print(text, markup=False, soft_wrap=True)
+    if json is not None:
+        write_report(_report(done, len(trials)), json)
+    if complaint is not None:
+        raise complaint
+    if len(done) < len(trials):
+        errors.print(f"Interrupted: {len(done)} of {len(trials)} trials were made")
+    if len(done) < len(trials) or any(each.violations for each in done):
+        raise typer.Exit(ExitStatus.UNMET)
 
-    command = " ".join(
-        ["unspoken faults", *([str(suite)] if suite else []), f"--goals {goals}"]
-        + (["--processes"] if processes else [])
-    )
-    raise typer.Exit(conduct(trials, workers or CORES, processes=processes, command=command, json_path=json))
 
-
-def _check_robots(cases: list[Case], fewest: int, path: Path) -> None:
-    """Refuse cases that name robots which a trial would lack: they would break nothing."""
-    for case in cases:
-        if found := unknown_robot(case.faults, [str(index + 1) for index in range(fewest)]):
-            raise typer.BadParameter(
-                f"case {case.name!r} of {path}, {found[0]}: {found[1]}; give larger numbers",
-                param_hint="--robots",
-            )
-
-
-def _chosen(cases: tuple[Case, ...], only: list[str] | None, path: Path) -> list[Case]:
+def _chosen(path: Path, only: list[str] | None, robots: Sequence[int], processes: bool) -> list[Case]:
+    """The cases that are to be tried; each breaks something in every trial."""
+    cases = load_cases(path)
     names = [case.name for case in cases]
-    unknown = [name for name in only or () if name not in names]
-    if unknown:
+    if unknown := [name for name in only or () if name not in names]:
         raise typer.BadParameter(
             f"{unknown[0]!r} found, one of the cases of {path} is expected: {', '.join(names)}",
             param_hint="--only",
         )
-    return [case for case in cases if not only or case.name in only]
+    chosen = [
+        case for case in cases if (not only or case.name in only) and (processes or not case.needs_processes)
+    ]
+    if not chosen:
+        raise typer.BadParameter("in virtual time these cases mean nothing; give --processes")
+    for case in chosen:
+        if found := unknown_robot(case.faults, [str(index + 1) for index in range(min(robots))]):
+            raise typer.BadParameter(
+                f"case {case.name!r} of {path}, {found[0]}: {found[1]}; give larger numbers",
+                param_hint="--robots",
+            )
+    return chosen
+
+
+def _made(trials: Sequence[Trial], workers: int, processes: bool, errors: Console) -> Iterator[Outcome]:
+    """Make the trials, and show how far they are."""
+    failed = 0
+    with Interruption() as interruption, progress_of_many(errors) as progress:
+        line = progress.add_task(announced("starting"), total=None, failed="")
+        compile_solver(interruption)
+        progress.update(line, description="trials", total=len(trials))
+
+        def shown(outcome: Outcome) -> Outcome:
+            nonlocal failed
+            failed += bool(outcome.violations)
+            progress.update(line, advance=1, failed=f"{failed} failed" if failed else "")
+            return outcome
+
+        if processes:
+            yield from (shown(in_processes(trial, interruption)) for trial in trials)
+            return
+        with local_cluster(min(workers, len(trials))) as client:
+            made = outcomes(client, trials, in_virtual_time, Trial.without_result, interruption)
+            yield from map(shown, made)
+
+
+def _report(done: Sequence[Outcome], wanted: int) -> str:
+    content = {
+        "schema": VERSION,
+        "complete": len(done) == wanted,
+        "trials": [each.model_dump() for each in done],
+    }
+    return to_json.dumps(content, indent=2)
+
+
+def _table(outcomes: Sequence[Outcome]) -> Table:
+    """One line a case: in how many trials everything held, how they ended, and how often monitors braked."""
+    table = new_table(
+        "Trials of faults",
+        "Case",
+        "Trials",
+        "Hold",
+        "All\narrived",
+        "With a\ncollision",
+        "Inter-\nventions",
+        "Median\nin s",
+        names=1,
+    )
+    for case in [*dict.fromkeys(each.case for each in outcomes), "all"]:
+        several = [each for each in outcomes if case in (each.case, "all")]
+        table.add_row(
+            case,
+            str(len(several)),
+            str(sum(not each.violations for each in several)),
+            str(sum(each.verdict == "arrived" for each in several)),
+            str(sum(each.collisions > 0 for each in several)),
+            str(sum(each.interventions for each in several)),
+            number(median(each.time_s for each in several)),
+        )
+    return table
+
+
+def _failures(outcomes: Sequence[Outcome], command: str) -> list[str]:
+    """What did not hold, each with the command that repeats it."""
+    return [
+        f"{each.case}, {each.robots} robots, seed {each.seed}: {'; '.join(each.violations)}\n"
+        f"  {command} --only {each.case} --robots {each.robots} --first-seed {each.seed} --seeds 1"
+        for each in outcomes
+        if each.violations
+    ]

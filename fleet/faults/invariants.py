@@ -2,13 +2,12 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from fleet.faults.attribution import avoidable_collisions
 from fleet.faults.cases import Case
-from fleet.inject.schedule import Scheduled
+from fleet.inject.fault import Fault, Scheduled, schedule
+from fleet.inject.scenario import Scenario
 from protocol.messages import Degradation, Message, Mind, Truth
-from protocol.scenario import Scenario
 
 
 @dataclass
@@ -71,9 +70,9 @@ def violations(case: Case, scenario: Scenario, seed: int, evidence: Evidence) ->
     """
     if evidence.end is None:
         return ["nothing was recorded"]
-    faults = case.scheduled(scenario, seed)
+    faults = schedule(case.faults, seed=seed, step_s=scenario.step_s)
     robots = {robot.id for robot in scenario.robots}
-    healthy = {robot for robot in robots if not any(_befalls(each, robot) for each in faults)}
+    healthy = {robot for robot in robots if not any(each.befalls(robot) for each in case.faults)}
     return [
         *lost_steps(evidence),
         *_no_verdict(evidence),
@@ -82,11 +81,6 @@ def violations(case: Case, scenario: Scenario, seed: int, evidence: Evidence) ->
         *_not_arrived(evidence, robots if case.everybody_arrives else healthy),
         *_unsettled(case, scenario, faults, evidence.epochs[-1]),
     ]
-
-
-def _befalls(fault: Scheduled[Any], robot: str) -> bool:
-    """Whether a fault is one of a robot: faults without robots of their own are of the world or the bench."""
-    return hasattr(fault.fault, "robots") and fault.befalls(robot)
 
 
 def lost_steps(evidence: Evidence) -> list[str]:
@@ -137,7 +131,7 @@ def _not_arrived(evidence: Evidence, wanted: set[str]) -> Iterator[str]:
 
 
 def _unsettled(
-    case: Case, scenario: Scenario, faults: Sequence[Scheduled[Any]], epoch: Epoch
+    case: Case, scenario: Scenario, faults: Sequence[Scheduled[Fault]], epoch: Epoch
 ) -> Iterator[str]:
     ends = [each.end for each in faults if each.end is not None]
     if case.settles_s is None or len(ends) < len(faults):

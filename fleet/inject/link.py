@@ -1,44 +1,19 @@
 """The link between the world and one robot, with the faults of a run on it: payloads in, payloads out."""
 
 from collections import deque
-from collections.abc import Iterable, Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
 
-from fleet.inject.commanding import DRIVEN_OTHERWISE, driven_otherwise
-from fleet.inject.observing import LATE_BY_STEPS, SEEN_OTHERWISE, aged
-from fleet.inject.schedule import Scheduled
-from fleet.inject.tampering import TAMPERING
+from fleet.inject.command_faults import CommandDeliveryFault, InputFault
+from fleet.inject.fault import MAX_LATE_STEPS, F, Fault, Scheduled, Strike, of_kind
+from fleet.inject.observation_faults import AgeFault, DeliveryFault, PayloadFault, SightFault
 from protocol.codec import MessageError, decode, encode
-from protocol.faults import (
-    MAX_LATE_STEPS,
-    CommandDelay,
-    CommandDuplication,
-    CommandLoss,
-    Duplication,
-    Fault,
-    Loss,
-    Reordering,
-    Slow,
-)
 from protocol.messages import Command, Observation
 from protocol.scene import MAX_ROBOTS, Scene
+from protocol.vehicle import Input
 
-UNDELIVERED: Final = (Loss, Slow)
-"""By these a robot does not get to an observation at all."""
-
-LINK_KINDS: Final[tuple[type[Any], ...]] = (
-    *LATE_BY_STEPS,
-    *SEEN_OTHERWISE,
-    *TAMPERING,
-    *UNDELIVERED,
-    *DRIVEN_OTHERWISE,
-    Duplication,
-    Reordering,
-    CommandLoss,
-    CommandDelay,
-    CommandDuplication,
-)
-"""The kinds of faults that lie on links."""
+LINK_FAULTS: Final = (AgeFault, SightFault, PayloadFault, DeliveryFault, InputFault, CommandDeliveryFault)
+"""Kinds that lie on links; a robot that none of them befalls needs none."""
 
 
 class Delivery(NamedTuple):
@@ -50,9 +25,7 @@ class Delivery(NamedTuple):
     """Whether the step's own observation is among them, intact; if not, no command of it is to be awaited."""
 
 
-def link_faults(faults: Iterable[Scheduled[Fault]], robot: str) -> list[Scheduled[Fault]]:
-    """Those that lie on the link of a robot; without any, it needs none."""
-    return [each for each in faults if isinstance(each.fault, LINK_KINDS) and each.befalls(robot)]
+NOTHING: Final = Delivery((), answerable=False)
 
 
 class Link:
@@ -72,14 +45,9 @@ class Link:
 
     def __init__(self, faults: Sequence[Scheduled[Fault]], robot: str, scene: Scene) -> None:
         self._robot = robot
-        self._limits = scene.robot(robot).limits
-        self._faults = link_faults(faults, robot)
-        self._seen_otherwise = [
-            SEEN_OTHERWISE[type(each.fault)](each, robot, scene)
-            for each in self._faults
-            if type(each.fault) in SEEN_OTHERWISE
-        ]
-        late = sum(type(each.fault) in LATE_BY_STEPS for each in self._faults)
+        self._scene = scene
+        self._faults = [each.anew() for each in of_kind(faults, LINK_FAULTS, robot)]
+        late = len(of_kind(self._faults, AgeFault))
         self._past: deque[Observation] = deque(maxlen=late * MAX_LATE_STEPS + 1)
         self._held_back: bytes | None = None
         self._late_commands: list[tuple[int, bytes]] = []
@@ -95,19 +63,19 @@ class Link:
         """
         self._past.append(observation)
         step, seen = observation.step, self._seen(observation)
-        if self._struck(step, UNDELIVERED):
-            return Delivery((), answerable=False)
-        if tampering := self._struck(step, TAMPERING):
-            first = tampering[0]
-            return Delivery((TAMPERING[type(first.fault)](first, self._robot, seen),), answerable=False)
+        ways = [fault for fault, _ in self._striking(DeliveryFault, step)]
+        copies = [fault.copies for fault in ways]
+        if 0 in copies:
+            return NOTHING
+        for tampering, strike in self._striking(PayloadFault, step):
+            return Delivery((tampering.payload(seen, strike),), answerable=False)
         payload, earlier = encode(seen), self._held_back
-        if earlier is None and self._struck(step, (Reordering,)):
+        if earlier is None and any(fault.held_back for fault in ways):
             self._held_back = payload
-            return Delivery((), answerable=False)
+            return NOTHING
         self._held_back = None
-        twice = (payload,) if self._struck(step, (Duplication,)) else ()
         after = () if earlier is None else (earlier,)
-        return Delivery((payload, *twice, *after), answerable=True)
+        return Delivery((payload,) * max(copies, default=1) + after, answerable=True)
 
     def commanded(self, payload: bytes) -> tuple[bytes, ...]:
         """The robot gives a command.
@@ -120,18 +88,14 @@ class Link:
             command = decode(Command, payload)
         except MessageError:
             return (payload,)  # the world refuses and counts it
-        step = command.step
-        for fault in self._struck(step, DRIVEN_OTHERWISE):
-            command = driven_otherwise(fault, command, self._limits)
-        changed = encode(command)
-        withheld = encode(Command.withheld_at(command.epoch, command.robot, step))
-        if self._struck(step, (CommandLoss,)):
-            return (withheld,)
-        if late := self._struck(step, (CommandDelay,)):
-            late_steps = sum(each.fault.steps for each in late)
-            self._late_commands.append((step + late_steps, changed))
-            return (withheld,)
-        return (changed, changed) if self._struck(step, (CommandDuplication,)) else (changed,)
+        changed = encode(self._driven(command))
+        ways = [fault for fault, _ in self._striking(CommandDeliveryFault, command.step)]
+        copies, late_steps = [fault.copies for fault in ways], sum(fault.late_steps() for fault in ways)
+        if late_steps and 0 not in copies:
+            self._late_commands.append((command.step + late_steps, changed))
+        if late_steps or 0 in copies:
+            return (encode(Command.withheld_at(command.epoch, command.robot, command.step)),)
+        return (changed,) * max(copies, default=1)
 
     def due(self, step: int) -> tuple[bytes, ...]:
         """Commands that were delayed and reach the world at a step, before those of the step itself."""
@@ -142,27 +106,39 @@ class Link:
     def _seen(self, observation: Observation) -> Observation:
         """The observation with an older view of the others and with other states."""
         step = observation.step
-        late_steps = sum(
-            LATE_BY_STEPS[type(each.fault)](each, self._robot, step)
-            for each in self._struck(step, LATE_BY_STEPS)
-        )
-        seen = aged(observation, self._at(step - late_steps), self._robot) if late_steps else observation
-        for otherwise in self._seen_otherwise:
-            if otherwise.scheduled.strikes(self._robot, step):
-                robots = {**seen.robots, **otherwise.states(seen)}
-                if len(robots) <= MAX_ROBOTS:  # no observation holds more
-                    seen = seen.model_copy(update={"robots": robots})
+        late_steps = sum(fault.late_steps(strike) for fault, strike in self._striking(AgeFault, step))
+        seen = _aged(observation, self._at(step - late_steps), self._robot) if late_steps else observation
+        for fault, strike in self._striking(SightFault, step):
+            robots = {**seen.robots, **fault.states(seen, strike, self._scene)}
+            if len(robots) <= MAX_ROBOTS:  # no observation holds more
+                seen = seen.model_copy(update={"robots": robots})
         return seen
+
+    def _driven(self, command: Command) -> Command:
+        """The command with other inputs for its step and for the step after."""
+        limits = self._scene.robot(self._robot).limits
+        for fault, _ in self._striking(InputFault, command.step):
+            turn_rate, acceleration = fault.driven(command.input, limits)
+            then = command.then and tuple(fault.driven(Input(*command.then), limits))
+            changes = {"turn_rate_radps": turn_rate, "acceleration_mps2": acceleration, "then": then}
+            command = command.model_copy(update=changes)
+        return command
 
     def _at(self, step: int) -> Observation:
         """The observation of a past step; until there is one so old, the first one stands."""
         return next((each for each in reversed(self._past) if each.step <= step), self._past[0])
 
-    def _struck(self, step: int, kinds: Iterable[type[Any]]) -> list[Scheduled[Any]]:
-        """The faults of these kinds that strike at a step."""
-        wanted = tuple(kinds)
-        return [
-            each
-            for each in self._faults
-            if isinstance(each.fault, wanted) and each.strikes(self._robot, step)
-        ]
+    def _striking(self, group: type[F], step: int) -> Iterator[tuple[F, Strike]]:
+        """The faults of a group that strike at a step."""
+        for each in of_kind(self._faults, group):
+            strike = each.strike(self._robot, step)
+            if strike is not None:
+                yield each.fault, strike
+
+
+def _aged(now: Observation, then: Observation, robot: str) -> Observation:
+    """What an observer sees whose view of the others is of an earlier step, and says so."""
+    own = {robot: now.robots[robot]} if robot in now.robots else {}
+    others = {name: state for name, state in then.robots.items() if name != robot}
+    age_steps = now.step - then.step + then.age_steps
+    return now.model_copy(update={"robots": {**others, **own}, "age_steps": age_steps})

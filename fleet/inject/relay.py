@@ -5,94 +5,57 @@ environment, as a robot does, and from ``UNSPOKEN_LISTEN`` and ``UNSPOKEN_USERS`
 """
 
 import os
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
-from typing import NamedTuple
 
 import structlog
 import zenoh
 
 from chassis.process import end_with_parent, on_wish_to_end
 from fleet.inject.link import Link
-from fleet.inject.told import faults_told
+from fleet.inject.settings import faults_of_this_process
 from protocol.codec import MessageError, decode, encode
-from protocol.identity import Identity, client_identity
+from protocol.identity import client_identity
 from protocol.keys import Keys
 from protocol.messages import Command, Joining, Observation, PublicScene
 from protocol.policy import access_control, rights_of
-from protocol.session import (
-    LATEST_WINS,
-    NEVER_DROP,
-    SessionSettings,
-    client_session,
-    open_in_background,
-    world_session,
-)
+from protocol.session import LATEST_WINS, NEVER_DROP, Opening, client_session, world_session
 
 SCENE_TIMEOUT_S = 1.0
 """For the world's answer; without one the robot is not answered, and asks again."""
 
 
-@dataclass(frozen=True)
-class RelayOptions:
-    """What a relay is told at its start."""
-
-    robot: str
-    run: str
-    connect: str
-    identity: Identity
-    listen: str
-    users: Path | None
-
-    def towards_world(self) -> SessionSettings:
-        """The session of the robot that it stands for."""
-        return client_session(self.connect, self.identity)
-
-    def towards_robot(self) -> SessionSettings:
-        """A router that lets the robot do what the world's would."""
-        access = None
-        if self.users is not None:
-            access = access_control(rights_of(Keys(self.run), [self.robot]), "usernames")
-        return world_session(self.listen, access, self.users)
-
-
-class _Pose(NamedTuple):
-    payload: bytes
-
-
-class _Said(NamedTuple):
-    """By the robot."""
-
-    kind: str
-    payload: bytes
-
-
-class _Presence(NamedTuple):
-    """Of the robot."""
-
-    here: bool
-
-
-_Event = _Pose | _Said | _Presence | zenoh.Query | zenoh.Session | zenoh.ZError | None
-"""What callbacks leave; None stands for the end."""
-
-
 class Relay:
     """Hands on whatever the world and a robot say, as the link between them lets it.
 
-    The link is a new one in every epoch of the world. Robot and world may come and go.
+    The link is a new one in every epoch of the world. Robot and world may come and go. Callbacks only leave
+    what is to be done; all of it is done on the thread of :meth:`run`.
 
     Args:
-        options: what it is told.
+        settings: environment variables: those of the robot, of the place to listen, and of the faults.
+
+    Raises:
+        Refusal: the robot's password cannot be read.
     """
 
-    def __init__(self, options: RelayOptions) -> None:
-        self._options = options
-        self._keys = Keys(options.run)
-        self._log = structlog.get_logger("relay").bind(robot=options.robot)
-        self._events: SimpleQueue[_Event] = SimpleQueue()
+    def __init__(self, settings: Mapping[str, str]) -> None:
+        self._robot, connect = settings["UNSPOKEN_ROBOT"], settings["UNSPOKEN_CONNECT"]
+        self._keys = Keys(settings["UNSPOKEN_RUN"])
+        password, users = (
+            Path(path) if (path := settings.get(f"UNSPOKEN_{name}")) else None
+            for name in ("PASSWORD_FILE", "USERS")
+        )
+        identity = client_identity(self._robot, connect, password, None, datetime.now(UTC))
+        self._towards_world = client_session(connect, identity)
+        # A router that lets the robot do what the world's would.
+        access = access_control(rights_of(self._keys, [self._robot]), "usernames") if users else None
+        self._towards_robot = world_session(settings["UNSPOKEN_LISTEN"], access, users)
+        self._log = structlog.get_logger("relay").bind(robot=self._robot)
+        self._opening = Opening()
+        self._due: SimpleQueue[Callable[[], object] | None] = SimpleQueue()
         self._question = encode(Joining())
         self._scene_payload = b""
         self._epoch: int | None = None
@@ -100,7 +63,8 @@ class Relay:
 
     def stop(self) -> None:
         """End :meth:`run` soon; may be called from any thread."""
-        self._events.put(None)
+        self._opening.stop()
+        self._due.put(None)
 
     def run(self) -> None:
         """Wait for a world, then relay until stopped.
@@ -108,53 +72,38 @@ class Relay:
         Raises:
             zenoh.ZError: Zenoh cannot use an endpoint.
         """
-        open_in_background(self._options.towards_world(), self._events.put)
-        opened = self._events.get()
-        if isinstance(opened, zenoh.ZError):
-            raise opened
-        if not isinstance(opened, zenoh.Session):
+        self._opening.begin(self._towards_world)
+        world = self._opening.wait(lambda: None)
+        if world is None:
             return
-        with opened as self._world, zenoh.open(self._options.towards_robot().to_zenoh()) as self._to_robot:
+        with world as self._world, zenoh.open(self._towards_robot.to_zenoh()) as self._to_robot:
             _declared = self._declare()
-            self._log.info("relaying", listen=self._options.listen)
-            while (event := self._events.get()) is not None:
-                self._take(event)
+            self._log.info("relaying")
+            while (act := self._due.get()) is not None:
+                act()
 
     def _declare(self) -> tuple[object, ...]:
-        """Callbacks only store. Nothing but the presence of the robot makes the world begin."""
-        keys, robot, put = self._keys, self._options.robot, self._events.put
+        """Nothing but the presence of the robot makes the world begin."""
+        keys, robot, put = self._keys, self._robot, self._due.put
 
-        def store_said(sample: zenoh.Sample) -> None:
-            put(_Said(keys.kind_of(str(sample.key_expr)), sample.payload.to_bytes()))
-
-        def store_presence(sample: zenoh.Sample) -> None:
-            put(_Presence(sample.kind == zenoh.SampleKind.PUT))
+        def hand_on(sample: zenoh.Sample) -> None:
+            put(partial(self._hand_on, keys.kind_of(str(sample.key_expr)), sample.payload.to_bytes()))
 
         return (
             self._world.declare_subscriber(
-                keys.pose(robot), lambda sample: put(_Pose(sample.payload.to_bytes()))
+                keys.pose(robot), lambda sample: put(partial(self._show, sample.payload.to_bytes()))
             ),
-            self._to_robot.declare_queryable(keys.scene_for(robot), put),
+            self._to_robot.declare_queryable(
+                keys.scene_for(robot), lambda query: put(partial(self._answer, query))
+            ),
             # One for all that the robot says, which keeps its order.
-            self._to_robot.declare_subscriber(
-                keys.everything, store_said, allowed_origin=zenoh.Locality.REMOTE
+            self._to_robot.declare_subscriber(keys.everything, hand_on, allowed_origin=zenoh.Locality.REMOTE),
+            self._to_robot.liveliness().declare_subscriber(
+                keys.alive(robot),
+                lambda sample: put(partial(self._stand, sample.kind == zenoh.SampleKind.PUT)),
+                history=True,
             ),
-            self._to_robot.liveliness().declare_subscriber(keys.alive(robot), store_presence, history=True),
         )
-
-    def _take(self, event: _Event) -> None:
-        match event:
-            case _Pose(payload):
-                self._show(payload)
-            case _Said("command", payload):
-                for each in self._link.commanded(payload) if self._epoch is not None else (payload,):
-                    self._say(self._keys.command(self._options.robot), each)
-            case _Said("mind", payload):
-                self._say(self._keys.mind(self._options.robot), payload)
-            case _Presence(here):
-                self._stand(here)
-            case zenoh.Query():
-                self._answer(event)
 
     def _show(self, payload: bytes) -> None:
         """Hand on a pose; where the robot cannot answer it, tell the world not to wait."""
@@ -167,42 +116,43 @@ class Relay:
             self._ask_for_scene()
         if observation.epoch != self._epoch:
             return  # of a world that is gone
-        robot, step = self._options.robot, observation.step
-        for late in self._link.due(step):
-            self._say(self._keys.command(robot), late)
+        for late in self._link.due(observation.step):
+            self._say(self._keys.command(self._robot), late)
         delivery = self._link.observed(observation)
         for each in delivery.payloads:
-            self._to_robot.put(
-                self._keys.pose(robot),
-                each,
-                **LATEST_WINS,
-            )
+            self._to_robot.put(self._keys.pose(self._robot), each, **LATEST_WINS)
         if not delivery.answerable:
-            nothing = Command.withheld_at(observation.epoch, robot, step)
-            self._say(self._keys.command(robot), encode(nothing))
+            nothing = Command.withheld_at(observation.epoch, self._robot, observation.step)
+            self._say(self._keys.command(self._robot), encode(nothing))
+
+    def _hand_on(self, kind: str, payload: bytes) -> None:
+        """Say to the world what the robot says."""
+        if kind == "command":
+            for each in self._link.commanded(payload) if self._epoch is not None else (payload,):
+                self._say(self._keys.command(self._robot), each)
+        elif kind == "mind":
+            self._say(self._keys.mind(self._robot), payload)
 
     def _answer(self, query: zenoh.Query) -> None:
         """Tell the robot the scene of the present world, if there is one."""
         with query:
             self._question = query.payload.to_bytes() if query.payload else b""
             if self._ask_for_scene():
-                query.reply(self._keys.scene_for(self._options.robot), self._scene_payload)
+                query.reply(self._keys.scene_for(self._robot), self._scene_payload)
 
     def _ask_for_scene(self) -> bool:
-        """As the robot has asked."""
-        key = self._keys.scene_for(self._options.robot)
+        """As the robot has asked; a new epoch gets a new link."""
+        key = self._keys.scene_for(self._robot)
         for reply in self._world.get(key, payload=self._question, timeout=SCENE_TIMEOUT_S):
             if reply.ok is not None:
                 self._scene_payload = reply.ok.payload.to_bytes()
-                self._begin(decode(PublicScene, self._scene_payload))
+                public = decode(PublicScene, self._scene_payload)
+                if public.epoch != self._epoch:
+                    self._epoch = public.epoch
+                    self._link = Link(faults_of_this_process(public.scene), self._robot, public.scene)
+                    self._log.info("a link for this epoch", epoch=public.epoch)
                 return True
         return False
-
-    def _begin(self, public: PublicScene) -> None:
-        if public.epoch != self._epoch:
-            self._epoch = public.epoch
-            self._link = Link(faults_told(public.scene), self._options.robot, public.scene)
-            self._log.info("a link for this epoch", epoch=public.epoch)
 
     def _stand(self, here: bool) -> None:
         """Be present at the world as long as the robot is present here."""
@@ -210,7 +160,7 @@ class Relay:
             self._token.undeclare()  # type: ignore[no-untyped-call]  # zenoh does not annotate it
             self._token = None
         if here:
-            self._token = self._world.liveliness().declare_token(self._keys.alive(self._options.robot))
+            self._token = self._world.liveliness().declare_token(self._keys.alive(self._robot))
 
     def _say(self, key: str, payload: bytes) -> None:
         """As the robot itself would."""
@@ -220,19 +170,9 @@ class Relay:
 def main() -> None:
     """Relay until SIGTERM."""
     end_with_parent()
-    told = os.environ
-    robot, connect = told["UNSPOKEN_ROBOT"], told["UNSPOKEN_CONNECT"]
-    password_file, users = _path("UNSPOKEN_PASSWORD_FILE"), _path("UNSPOKEN_USERS")
-    identity = client_identity(robot, connect, password_file, None, datetime.now(UTC))
-    relay = Relay(
-        RelayOptions(robot, told["UNSPOKEN_RUN"], connect, identity, told["UNSPOKEN_LISTEN"], users)
-    )
+    relay = Relay(os.environ)
     on_wish_to_end(relay.stop)
     relay.run()
-
-
-def _path(name: str) -> Path | None:
-    return Path(os.environ[name]) if name in os.environ else None
 
 
 if __name__ == "__main__":

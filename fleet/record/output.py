@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Self
 
 from chassis.refusal import Refusal
-from fleet.inject.full_disk import FullDisk
+from fleet.inject.process_faults import FullDisk
 from fleet.record.picture import Course, draw_paths
 from fleet.record.recording import Recorder
 from fleet.record.stream import RefusedMind, Restarted, StreamItem

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from agent.estimate import GoalsName
 from agent.process.options import DecisionOptions
+from fleet.inject.scenario import Scenario, load_scenario, with_faults
 from protocol.keys import Name
-from protocol.scenario import Scenario, load_scenario, scenario_text, with_faults
+from protocol.scenario import scenario_text
 from scenarios import find
 from world.clock import ClockKind
 

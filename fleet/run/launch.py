@@ -4,10 +4,10 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from fleet.inject.casting import Faults
+from fleet.inject.process_faults import WORLD, name_of
+from fleet.inject.settings import FaultSettings
 from fleet.record.address import Address
 from fleet.run.experiment import Experiment
-from fleet.run.supervisor import WORLD
 from protocol.identity import Login, new_passwords, write_password, write_users
 from protocol.keys import BENCH_NAME
 from protocol.scenario import ScenarioRobot
@@ -76,11 +76,6 @@ class ProcessSettings(NamedTuple):
     settings: dict[str, str]
 
 
-def name_of(robot: str) -> str:
-    """The process of a robot."""
-    return f"robot-{robot}"
-
-
 class Launch:
     """The processes of one run on this machine.
 
@@ -96,8 +91,9 @@ class Launch:
         self._experiment = experiment
         self._directory = directory
         self._endpoint = f"unixsock-stream/{directory}/world.sock"
-        self._faults = Faults(experiment, directory)
-        robots = [robot.id for robot in experiment.scenario.robots]
+        scenario, seed = experiment.scenario, experiment.facts.seed
+        self._faults = FaultSettings(experiment.path, scenario, seed, directory)
+        robots = [robot.id for robot in scenario.robots]
         self._logins = Logins(directory, robots, needed=experiment.facts.policy)
 
     def bench(self) -> SessionSettings:
@@ -137,7 +133,7 @@ class Launch:
             "connect": self._endpoint,
             "listen": endpoint,
             "run": self._experiment.facts.run,
-            **self._faults.told,
+            **self._faults.settings,
             **self._logins.of_relay(robot),
         }
         return ProcessSettings(f"relay-{robot}", "fleet.inject.relay", settings)
@@ -157,5 +153,5 @@ class Launch:
         }
         settings |= self._logins.of_robot(robot.id)
         if self._faults.on_robot(robot.id):
-            return ProcessSettings(name_of(robot.id), "fleet.inject.robot", settings | self._faults.told)
+            return ProcessSettings(name_of(robot.id), "fleet.inject.robot", settings | self._faults.settings)
         return ProcessSettings(name_of(robot.id), "agent", settings)

@@ -10,11 +10,11 @@ from typing import NamedTuple
 import structlog
 import zenoh
 
-from fleet.inject.director import Director
+from fleet.inject.process_faults import WORLD, ProcessFaults
 from fleet.interruption import Interruption
 from fleet.record.stream import KINDS, TOO_MANY, BusMessage, RefusedMind, Restarted, StreamItem
 from fleet.run.processes import Processes, ProcessFailedError
-from fleet.run.supervisor import WORLD, Supervisor
+from fleet.run.supervisor import Supervisor
 from protocol.codec import MessageError, decode
 from protocol.keys import Keys
 from protocol.messages import Command, Message, Mind, PublicScene, Refusal, Truth
@@ -205,7 +205,7 @@ class Subscriber:
         run: str,
         processes: Processes,
         supervisor: Supervisor,
-        faults: Director,
+        faults: ProcessFaults,
         interruption: Interruption,
     ) -> None:
         self._keys = Keys(run)

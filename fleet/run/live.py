@@ -4,7 +4,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from fleet.inject.director import Director
+from fleet.inject.process_faults import WORLD, ProcessFaults
 from fleet.interruption import Interruption
 from fleet.record.address import left_in
 from fleet.record.stream import StreamItem
@@ -13,7 +13,7 @@ from fleet.run.launch import Launch
 from fleet.run.listening import Subscriber
 from fleet.run.processes import Processes
 from fleet.run.progress import compile_solver
-from fleet.run.supervisor import WORLD, Restart, Supervisor
+from fleet.run.supervisor import Restart, Supervisor
 
 
 def run_processes(
@@ -44,8 +44,8 @@ def run_processes(
         launch = Launch(experiment, Path(directory))
         processes.start(*launch.world())
         supervisor = Supervisor(processes, restart)
-        director = Director(experiment, processes, supervisor)
-        bench = Subscriber(experiment.facts.run, processes, supervisor, director, interruption)
+        faults = ProcessFaults(experiment.scenario, experiment.facts.seed, processes, supervisor)
+        bench = Subscriber(experiment.facts.run, processes, supervisor, faults, interruption)
         with bench.connect(launch.bench()) as session, left_in(log_directory.parent, launch.address()):
             yield from bench.subscribe(session)
             for robot in experiment.scenario.robots:

@@ -8,9 +8,9 @@ from enum import StrEnum
 import structlog
 
 from chassis.refusal import ExitStatus
+from fleet.inject.process_faults import WORLD
 from fleet.run.processes import Processes
 
-WORLD = "world"
 BACK_OFF_S = (0.5, 1.0, 2.0, 4.0, 8.0)
 """How long after its end a process is started again, the first time and each further time; then no more."""
 

@@ -1,27 +1,63 @@
-"""A run in virtual time as a stream of the messages that processes would have exchanged."""
+"""A run in virtual time: the one loop of world and robots, and the messages that processes would exchange.
 
+Faults of links and minds count steps of the present epoch, as observations tell them. Faults of processes
+happen once in a run: they count steps since the first start of the world. A robot that is down is one that
+nothing reaches. How long the world is down has no meaning here, since nobody waits.
+"""
+
+import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import count
+from typing import NamedTuple
 
-from agent.agent import Agent
+import structlog
+
+from agent.agent import Agent, Decision
+from agent.process.inbox import Inbox
+from agent.process.robot import Decides
 from agent.process.warm import warm_up
 from agent.solve.deadline import Clock, Deadline
-from fleet.inject.disturbed_loop import disturbed_loop
+from fleet.inject.fault import Fault, Scheduled, of_kind, schedule
+from fleet.inject.link import LINK_FAULTS, Link
+from fleet.inject.mind_faults import MIND_FAULTS
+from fleet.inject.process_faults import DownFault, RestartWorld
+from fleet.inject.robot import FaultyMind
+from fleet.inject.scenario import Scenario, effective
 from fleet.interruption import Interruption
 from fleet.record.stream import BusMessage
 from fleet.run.experiment import Experiment, RunFacts
-from fleet.run.moment import EPOCH, Moment, agent_of
 from fleet.run.progress import compile_solver
+from protocol.codec import encode
 from protocol.keys import Keys
-from protocol.messages import PublicScene
-from protocol.scenario import Scenario
+from protocol.messages import Command, Observation, PublicScene, Truth
+from protocol.scenario import ScenarioRobot
+from protocol.scene import Scene
+from world.judge import Judge
 from world.world import World
+
+EPOCH = 0
+"""Of the first world; what it says depends on nothing but the run."""
+SILENT = structlog.wrap_logger(None, wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
+"""In virtual time, what is refused is counted, or shows in what does not happen; there is no log of it."""
+
+
+class Step(NamedTuple):
+    """One step of a run: how things stand, what each robot is shown of them, and what comes of it."""
+
+    truth: Truth
+    observations: Mapping[str, Observation]
+    """As the world gives them; faults may let something else reach a robot."""
+    decisions: Mapping[str, Decision]
+    """Of the robots that made one; in the last step nobody does."""
+    commands: Mapping[str, tuple[Command, ...]]
+    """What reached the world from each robot, taken or not; with faults, this may not be what was decided."""
 
 
 def closed_loop(
     scenario: Scenario, facts: RunFacts, clock: Clock, interrupted: Callable[[], bool] = lambda: False
-) -> Iterator[Moment]:
-    """Every step of a run; the last moment's truth holds the verdict.
+) -> Iterator[Step]:
+    """Every step of a run, with all epochs of its world; the last one's truth holds the verdict.
 
     Args:
         scenario: what is driven, with the faults that are to befall it.
@@ -32,36 +68,148 @@ def closed_loop(
     Raises:
         ValueError: an estimator needs something that the scene does not hold.
     """
-    loop = disturbed_loop if scenario.faults else _undisturbed_loop
-    return loop(scenario, facts, clock, interrupted)
+    faults = schedule(scenario.faults, seed=facts.seed, step_s=scenario.step_s)
+    restarts = {each.begin for each in of_kind(faults, RestartWorld)}
+    driven, scene = effective(scenario, facts.seed), scenario.scene(with_goals=facts.goals_are_exchanged)
+    total_steps = count()
+    for epoch in count(EPOCH):
+        world = World(driven, seed=facts.seed, epoch=epoch)
+        judge = Judge(world, SILENT)
+        robots = {robot.id: _robot(robot, scene, facts, faults, clock, epoch) for robot in scenario.robots}
+        for total_step in total_steps:
+            truth, observations = world.truth(judge.refused), world.observations()
+            if world.over:
+                yield Step(truth, {}, {}, {})
+                return
+            if total_step in restarts:
+                yield Step(truth, observations, {}, {})  # nobody answers this world any more
+                break
+            judge.begin_step()
+            decisions: dict[str, Decision] = {}
+            commands: dict[str, tuple[Command, ...]] = {}
+            for name, robot in robots.items():
+                decision, said = robot.step(total_step, observations.get(name), judge)
+                if decision is not None:
+                    decisions[name] = decision
+                commands[name] = said
+            yield Step(truth, observations, decisions, commands)
+            if interrupted():
+                world.interrupt()
+            else:
+                world.advance(judge.answers)
 
 
-def _undisturbed_loop(
-    scenario: Scenario, facts: RunFacts, clock: Clock, interrupted: Callable[[], bool]
-) -> Iterator[Moment]:
-    """Without faults, whatever is said reaches whom it is for, and as it was said."""
-    world = World(scenario, seed=facts.seed, epoch=EPOCH)
-    agents = _agents(scenario, facts, clock)
-    while not world.over:
-        observations = world.observations()
-        decided = {robot: agents[robot].decide(seen) for robot, seen in observations.items()}
-        decisions = {robot: decision for robot, decision in decided.items() if decision is not None}
-        commands = {robot: decision.command for robot, decision in decisions.items()}
-        said = {robot: (command,) for robot, command in commands.items()}
-        yield Moment(world.truth(), observations, decisions, said)
-        if interrupted():
-            world.interrupt()
-        else:
-            world.advance(commands)
-    yield Moment(world.truth(), {}, {}, {})
+def agent_of(robot: ScenarioRobot, scene: Scene, facts: RunFacts, clock: Clock, deadline: Deadline) -> Agent:
+    """A robot of a run, which has not seen anything yet.
+
+    Raises:
+        ValueError: its estimator needs something that the scene does not hold.
+        ModuleNotFoundError: the library of a baseline is not installed here.
+    """
+    return Agent.of(
+        robot.id,
+        robot.goal_pose(),
+        scene,
+        goals=facts.goals,
+        solver=facts.solver,
+        clock=clock,
+        iterations=facts.iterations,
+        deadline=deadline,
+    )
 
 
-def _agents(scenario: Scenario, facts: RunFacts, clock: Clock) -> dict[str, Agent]:
-    scene = scenario.scene(with_goals=facts.goals_are_exchanged)
-    return {
-        robot.id: agent_of(robot, scene, facts, clock, Deadline(clock, facts.budget_s))
-        for robot in scenario.robots
-    }
+class _Robot:
+    """A robot in one epoch of the world; whatever is said reaches whom it is for, as it was said."""
+
+    def __init__(self, name: str, make_mind: Callable[[], Decides]) -> None:
+        self._name = name
+        self._make_mind = make_mind
+        self._mind = make_mind()
+
+    def step(
+        self, _total_step: int, observation: Observation | None, judge: Judge
+    ) -> tuple[Decision | None, tuple[Command, ...]]:
+        """Take part in a step.
+
+        Args:
+            total_step: since the first start of the world.
+            observation: as the world gives it; None while the robot is not in the scene.
+            judge: gets what reaches the world.
+
+        Returns:
+            The robot's decision, None where it made none; and what of it reached the world.
+        """
+        decision = None if observation is None else self._mind.decide(observation)
+        if decision is None:
+            return None, ()
+        judge.take(self._name, decision.command)
+        return decision, (decision.command,)
+
+
+class _FaultyRobot(_Robot):
+    """What is said goes as bytes over a link with faults; the process may be down, and then begin anew."""
+
+    def __init__(
+        self,
+        name: str,
+        make_mind: Callable[[], Decides],
+        scene: Scene,
+        faults: Sequence[Scheduled[Fault]],
+        epoch: int,
+    ) -> None:
+        super().__init__(name, make_mind)
+        self._epoch = epoch
+        self._link = Link(faults, name, scene)
+        self._inbox = Inbox(SILENT)
+        self._down_faults = of_kind(faults, DownFault)
+        self._is_killed = False
+
+    def step(
+        self, total_step: int, observation: Observation | None, judge: Judge
+    ) -> tuple[Decision | None, tuple[Command, ...]]:
+        runs = self._runs(total_step)
+        if observation is None:
+            return None, ()
+        due, delivery = self._link.due(observation.step), self._link.observed(observation)
+        decision = self._decide(delivery.payloads) if runs else None
+        said = () if decision is None else self._link.commanded(encode(decision.command))
+        judged = [judge.judge(self._name, payload) for payload in (*due, *said)]
+        return decision, tuple(command for command in judged if command is not None)
+
+    def _runs(self, total_step: int) -> bool:
+        """Whether the process runs; one that was killed is started at its return."""
+        down = [each.fault for each in self._down_faults if each.is_on(total_step)]
+        was_killed, self._is_killed = self._is_killed, any(fault.forgets for fault in down)
+        if was_killed and not self._is_killed:
+            self._inbox, self._mind = Inbox(SILENT), self._make_mind()
+        return not down
+
+    def _decide(self, payloads: Sequence[bytes]) -> Decision | None:
+        for payload in payloads:
+            self._inbox.store(payload)
+        newest = self._inbox.next() if self._inbox.has_news() else None
+        if not isinstance(newest, Observation) or newest.epoch != self._epoch:
+            return None  # a process asks the world for its epoch, and stays in the one that it has joined
+        return self._mind.decide(newest)
+
+
+def _robot(
+    robot: ScenarioRobot,
+    scene: Scene,
+    facts: RunFacts,
+    faults: Sequence[Scheduled[Fault]],
+    clock: Clock,
+    epoch: int,
+) -> _Robot:
+    """A robot with the faults that befall it."""
+    own = of_kind(faults, (*LINK_FAULTS, *MIND_FAULTS, DownFault), robot.id)
+
+    def make_mind() -> Decides:
+        if not of_kind(own, MIND_FAULTS):
+            return agent_of(robot, scene, facts, clock, Deadline(clock, facts.budget_s))
+        return FaultyMind(robot.id, robot.goal_pose(), scene, own, facts, clock)
+
+    return _FaultyRobot(robot.id, make_mind, scene, own, epoch) if own else _Robot(robot.id, make_mind)
 
 
 def simulate(experiment: Experiment, interruption: Interruption) -> Iterator[BusMessage]:
@@ -78,16 +226,16 @@ def simulate(experiment: Experiment, interruption: Interruption) -> Iterator[Bus
     keys = Keys(facts.run)
     scene = scenario.scene(with_goals=facts.goals_are_exchanged)
     epoch, begun_ns, now_ns = None, 0, 0
-    for moment in closed_loop(scenario, facts, time.perf_counter, lambda: interruption.requested):
-        if moment.truth.epoch != epoch:
-            epoch, begun_ns = moment.truth.epoch, now_ns
+    for step in closed_loop(scenario, facts, time.perf_counter, lambda: interruption.requested):
+        if step.truth.epoch != epoch:
+            epoch, begun_ns = step.truth.epoch, now_ns
             yield BusMessage(keys.scene, PublicScene(epoch=epoch, scene=scene), begun_ns)
-        now_ns = begun_ns + round(moment.truth.time_s * 1e9)
-        for robot, observation in moment.observations.items():
+        now_ns = begun_ns + round(step.truth.time_s * 1e9)
+        for robot, observation in step.observations.items():
             yield BusMessage(keys.pose(robot), observation, now_ns)
-        yield BusMessage(keys.truth, moment.truth, now_ns)
-        for robot, commands in moment.commands.items():
-            if robot in moment.decisions:
-                yield BusMessage(keys.mind(robot), moment.decisions[robot].mind, now_ns)
+        yield BusMessage(keys.truth, step.truth, now_ns)
+        for robot, commands in step.commands.items():
+            if robot in step.decisions:
+                yield BusMessage(keys.mind(robot), step.decisions[robot].mind, now_ns)
             for command in commands:
                 yield BusMessage(keys.command(robot), command, now_ns)

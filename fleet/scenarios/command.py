@@ -8,11 +8,11 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from fleet.inject.scenario import Scenario
 from fleet.record.tables import new_table
 from fleet.scenarios.families import FamilyName
 from fleet.scenarios.suite import generate as generated
 from fleet.scenarios.suite import load_suite, write_suite
-from protocol.scenario import Scenario
 from protocol.scene import MAX_ROBOTS
 from scenarios import bundled_scenarios, bundled_suites
 

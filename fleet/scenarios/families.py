@@ -7,7 +7,8 @@ from typing import Literal
 import numpy as np
 
 from chassis.refusal import Refusal
-from protocol.scenario import Pose, Scenario, ScenarioRobot
+from fleet.inject.scenario import Scenario
+from protocol.scenario import Pose, ScenarioRobot
 from protocol.scene import Area
 from protocol.vehicle import Limits
 

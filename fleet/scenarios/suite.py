@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from chassis.refusal import Refusal
+from fleet.inject.scenario import Scenario, load_scenario
 from fleet.scenarios.families import FAMILIES, FamilyName
-from protocol.scenario import Scenario, load_scenario, scenario_text
+from protocol.scenario import scenario_text
 from scenarios import find_suite
 
 

@@ -15,8 +15,7 @@ from fleet.interruption import Interruption
 from fleet.record.recording import Recorder
 from fleet.record.stream import BusMessage
 from fleet.run.experiment import Experiment, prepare
-from fleet.run.moment import EPOCH, agent_of
-from fleet.run.virtual import simulate
+from fleet.run.virtual import EPOCH, agent_of, simulate
 from protocol.keys import Keys
 from protocol.messages import Command, Message, PublicScene
 from protocol.scenario import ScenarioRobot

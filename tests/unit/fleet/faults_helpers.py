@@ -1,17 +1,17 @@
-"""Faults from what a person would write, links that carry a made-up drive, and short runs with faults."""
+"""Faults as a person would write them, links that carry a made-up drive, and short runs with faults."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any, NamedTuple
 
+from hypothesis import strategies as st
+
+from fleet.inject.fault import KINDS, schedule
 from fleet.inject.link import Link
-from fleet.inject.schedule import schedule
+from fleet.inject.scenario import FaultFile, Scenario
 from fleet.run.experiment import RunFacts
-from fleet.run.moment import Moment
-from fleet.run.virtual import closed_loop
+from fleet.run.virtual import Step, closed_loop
 from protocol.codec import MessageError, decode, encode
-from protocol.faults import FaultFile
 from protocol.messages import Command, Observation, State, Truth
-from protocol.scenario import Scenario
 from protocol.scene import PublicRobot, Scene
 
 EPOCH = 5
@@ -28,9 +28,42 @@ def fault(kind: str, **fields: Any) -> dict[str, Any]:
     return {"kind": kind, **fields}
 
 
-def link(*faults: Mapping[str, Any], robot: str = "1", seed: int = 0) -> Link:
-    parsed = FaultFile.model_validate({"faults": list(faults)}).faults if faults else ()
-    return Link(schedule(parsed, seed=seed, step_s=STEP_S), robot, SCENE)
+_ways_m = st.sampled_from([-1e6, -1.0, -0.0, 1e-7, 1e6]) | st.floats(-1e6, 1e6)
+_times_s = st.sampled_from([0.0, 0.15, 0.7]) | st.floats(0.0, 1e5)
+_VALUES: dict[str, st.SearchStrategy[Any]] = {
+    "start_s": _times_s | st.tuples(_times_s, _times_s).map(sorted),
+    "duration_s": st.sampled_from([0.1, 0.35, 5.0]) | st.floats(0.0, 60.0, exclude_min=True),
+    "robots": st.sampled_from([["1"], ["1", "2"]]),
+    "rate": st.sampled_from([0.2, 0.7, 1.0]) | st.floats(0.0, 1.0, exclude_min=True),
+    "steps": st.integers(1, 10),
+    "seen": st.sampled_from(["1", "2"]),
+    "x_m": _ways_m,
+    "y_m": _ways_m,
+    "heading_rad": _ways_m,
+    "speed_mps": st.floats(0.0, 1e6),
+    "distance_m": st.floats(1e-3, 1e3),
+    "factor": st.floats(1e-3, 1.0),
+    "weights": st.just({"x": 2.0, "heading": 0.125}),
+    "offset_s": st.floats(-1e9, 1e9),
+}
+"""Of each field that a kind may have."""
+
+
+@st.composite
+def faults_of(draw: st.DrawFn, kinds: Collection[str] = tuple(KINDS)) -> dict[str, Any]:
+    """A fault of one of these kinds, with what its class asks for and perhaps with what it allows."""
+    kind = draw(st.sampled_from(sorted(kinds)))
+    fields = {name: field for name, field in KINDS[kind].model_fields.items() if name != "kind"}
+    wanted = [name for name, field in fields.items() if field.is_required() or draw(st.booleans())]
+    return {"kind": kind} | {name: draw(_VALUES[name]) for name in wanted}
+
+
+def parsed(*faults: Mapping[str, Any]) -> tuple[Any, ...]:
+    return FaultFile.model_validate({"faults": list(faults)}).faults if faults else ()
+
+
+def link(*faults: Mapping[str, Any], robot: str = "1", seed: int = 0, scene: Scene = SCENE) -> Link:
+    return Link(schedule(parsed(*faults), seed=seed, step_s=STEP_S), robot, scene)
 
 
 def observation(step: int, **changes: Any) -> Observation:
@@ -97,19 +130,17 @@ def facts(seed: int = 0, **changes: Any) -> RunFacts:
     return RunFacts(**(plain | {"seed": seed, "run": "test", "version": "0"} | changes))
 
 
-def moments(
-    *faults: Mapping[str, Any], seed: int = 0, goals: str = "joint-fit", **rules: Any
-) -> list[Moment]:
+def drive(*faults: Mapping[str, Any], seed: int = 0, goals: str = "joint-fit", **rules: Any) -> list[Step]:
     """A whole run."""
     return list(run(scenario(*faults, **rules), facts(seed, goals=goals)))
 
 
-def run(driven: Scenario, of: RunFacts) -> Iterator[Moment]:
+def run(driven: Scenario, of: RunFacts) -> Iterator[Step]:
     return closed_loop(driven, of, clock=lambda: 0.0)
 
 
-def truths(driven: list[Moment]) -> list[Truth]:
-    return [moment.truth for moment in driven]
+def truths(driven: list[Step]) -> list[Truth]:
+    return [step.truth for step in driven]
 
 
 def place(truth: Truth, robot: str) -> tuple[float, float]:

@@ -4,9 +4,9 @@ import math
 from typing import Any
 
 import pytest
-from faults_helpers import MEETING, fault, moments, place, truths
+from faults_helpers import MEETING, drive, fault, place, truths
 
-from fleet.run.moment import Moment
+from fleet.run.virtual import Step
 
 SOON_S = 0.5
 SOON = 5
@@ -19,7 +19,7 @@ def first(kind: str, **fields: Any) -> dict[str, Any]:
     return fault(kind, robots=[1], **({"start_s": SOON_S} | fields))
 
 
-def standing(driven: list[Moment], robot: str = "1") -> bool:
+def standing(driven: list[Step], robot: str = "1") -> bool:
     return abs(driven[-1].truth.robots[robot].state.speed_mps) < 1e-3
 
 
@@ -27,12 +27,12 @@ def distance_m(one: tuple[float, float], other: tuple[float, float]) -> float:
     return math.dist(one, other)
 
 
-def minds(driven: list[Moment]) -> list[Any]:
-    return [moment.decisions["1"].mind for moment in driven[:-1]]
+def minds(driven: list[Step]) -> list[Any]:
+    return [step.decisions["1"].mind for step in driven[:-1]]
 
 
 def test_a_robot_stops_and_stays() -> None:
-    driven = moments(first("stops"), time_limit_s=4.0)
+    driven = drive(first("stops"), time_limit_s=4.0)
     there = [place(truth, "1") for truth in truths(driven)]
     assert standing(driven)
     assert distance_m(there[-1], (4.0, 0.0)) > 1.0
@@ -43,7 +43,7 @@ def test_a_robot_stops_and_stays() -> None:
 
 
 def test_a_robot_that_stopped_for_a_while_arrives() -> None:
-    driven = moments(first("stops", duration_s=1.0))
+    driven = drive(first("stops", duration_s=1.0))
     speeds = [truth.robots["1"].state.speed_mps for truth in truths(driven)]
     assert min(map(abs, speeds[SOON:])) < 0.2 < 0.5 * max(speeds)
     assert driven[-1].truth.verdict == "arrived"
@@ -52,9 +52,9 @@ def test_a_robot_that_stopped_for_a_while_arrives() -> None:
 
 @pytest.mark.parametrize("goals", ["joint-fit", "exchanged"])
 def test_a_robot_that_ignores_others_drives_as_if_alone(goals: Any) -> None:
-    alone = moments(goals=goals, **ALONE)
-    driven = moments(first("ignores", start_s=0.0), goals=goals, time_limit_s=3.0)
-    minded = moments(goals=goals, time_limit_s=3.0)
+    alone = drive(goals=goals, **ALONE)
+    driven = drive(first("ignores", start_s=0.0), goals=goals, time_limit_s=3.0)
+    minded = drive(goals=goals, time_limit_s=3.0)
     way = [place(truth, "1") for truth in truths(alone)]
     count = min(len(way), len(driven))
     assert [place(truth, "1") for truth in truths(driven)][:count] == way[:count]
@@ -62,7 +62,7 @@ def test_a_robot_that_ignores_others_drives_as_if_alone(goals: Any) -> None:
 
 
 def test_a_robot_that_ignored_others_for_a_while_knows_them_at_once_after_it() -> None:
-    driven = moments(first("ignores", duration_s=0.3))
+    driven = drive(first("ignores", duration_s=0.3))
     seen = [set(mind.prediction) for mind in minds(driven)]
     assert seen[: SOON + 4] == [{"1", "2"}] * SOON + [{"1"}] * 3 + [{"1", "2"}]
     assert driven[-1].truth.robots["1"].clipped_commands == 0, "it knew what it was driving"
@@ -70,20 +70,20 @@ def test_a_robot_that_ignored_others_for_a_while_knows_them_at_once_after_it() -
 
 @pytest.mark.parametrize("goals", ["joint-fit", "exchanged"])
 def test_a_robot_turns_back_to_where_it_was_first_seen(goals: Any) -> None:
-    driven = moments(first("turns-back"), goals=goals)
+    driven = drive(first("turns-back"), goals=goals)
     assert distance_m(place(driven[-1].truth, "1"), (-4.0, 0.0)) < 0.2
     assert standing(driven)
     assert driven[-1].truth.robots["2"].arrived_s is not None
 
 
 def test_a_robot_that_turned_back_for_a_while_still_arrives() -> None:
-    driven = moments(first("turns-back", duration_s=1.0))
+    driven = drive(first("turns-back", duration_s=1.0))
     assert driven[-1].truth.verdict == "arrived"
 
 
 @pytest.mark.parametrize("goals", ["joint-fit", "exchanged"])
 def test_a_robot_chases_another_one_wherever_that_is(goals: Any) -> None:
-    driven = moments(first("chases", seen=2, start_s=0.0), goals=goals, time_limit_s=1.5)
+    driven = drive(first("chases", seen=2, start_s=0.0), goals=goals, time_limit_s=1.5)
     for mind, truth in zip(minds(driven), truths(driven), strict=False):
         chased = place(truth, "2")
         assert distance_m(mind.plan[-1], chased) < distance_m(mind.plan[0], chased)
@@ -91,13 +91,13 @@ def test_a_robot_chases_another_one_wherever_that_is(goals: Any) -> None:
 
 
 def test_a_chased_robot_that_stands_is_run_into() -> None:
-    driven = moments(first("chases", seen=2, start_s=0.0), fault("stops", robots=[2]), time_limit_s=5.0)
+    driven = drive(first("chases", seen=2, start_s=0.0), fault("stops", robots=[2]), time_limit_s=5.0)
     assert driven[-1].truth.verdict == "collision"
 
 
 def test_another_cost_makes_another_way_and_others_are_still_minded() -> None:
-    plain = moments(time_limit_s=2.5)
-    hasty = moments(
+    plain = drive(time_limit_s=2.5)
+    hasty = drive(
         first("other-cost", start_s=0.0, weights={"x": 50.0, "y": 50.0, "heading": 0.0, "speed": 0.0}),
         time_limit_s=2.5,
     )
@@ -107,12 +107,12 @@ def test_another_cost_makes_another_way_and_others_are_still_minded() -> None:
 
 
 def test_the_first_of_several_behaviours_counts() -> None:
-    both = moments(first("stops"), first("turns-back"), time_limit_s=3.0)
-    assert truths(both) == truths(moments(first("stops"), time_limit_s=3.0))
+    both = drive(first("stops"), first("turns-back"), time_limit_s=3.0)
+    assert truths(both) == truths(drive(first("stops"), time_limit_s=3.0))
 
 
 def test_without_time_decisions_are_cut_short_at_once_where_they_would_go_on() -> None:
-    driven = moments(first("no-time", duration_s=0.5))
+    driven = drive(first("no-time", duration_s=0.5))
     cut = [mind.cut_short_at for mind in minds(driven)]
     assert cut[:SOON] == [None] * SOON
     assert set(cut[SOON : SOON + 5]) == {None, 0}  # None: one iteration was enough
@@ -121,7 +121,7 @@ def test_without_time_decisions_are_cut_short_at_once_where_they_would_go_on() -
 
 
 def test_what_the_solver_fails_at_is_counted_and_not_driven() -> None:
-    driven = moments(first("solver-failure", duration_s=0.3))
+    driven = drive(first("solver-failure", duration_s=0.3))
     failed = [mind.failed for mind in minds(driven)]
     assert [bool(each) for each in failed[: SOON + 4]] == [False] * SOON + [True] * 3 + [False]
     assert minds(driven)[-1].solver_failures == 3
@@ -129,20 +129,20 @@ def test_what_the_solver_fails_at_is_counted_and_not_driven() -> None:
 
 
 def test_failures_are_counted_on_when_the_behaviour_changes() -> None:
-    driven = moments(first("solver-failure", duration_s=0.3), first("ignores", start_s=1.0, duration_s=0.2))
+    driven = drive(first("solver-failure", duration_s=0.3), first("ignores", start_s=1.0, duration_s=0.2))
     assert [mind.solver_failures for mind in minds(driven)[SOON + 3 :]] == [3] * (len(driven) - SOON - 4)
     assert [mind.decision for mind in minds(driven)] == list(range(len(driven) - 1))
 
 
 def test_solver_failures_strike_a_share_of_the_steps() -> None:
-    driven = moments(fault("solver-failure", rate=0.3), time_limit_s=2.0)
+    driven = drive(fault("solver-failure", rate=0.3), time_limit_s=2.0)
     failures = minds(driven)[-1].solver_failures
     assert 0.1 < failures / len(driven) < 0.5
 
 
 def test_no_distance_can_be_kept_to_an_obstacle_on_top_of_the_robot() -> None:
-    driven = moments(first("infeasible", start_s=0.0), **ALONE | {"time_limit_s": 1.0})
+    driven = drive(first("infeasible", start_s=0.0), **ALONE | {"time_limit_s": 1.0})
     plan = minds(driven)[0].plan
     assert max(distance_m(point, (-4.0, 0.0)) for point in plan) > 1.0, "it flees"
-    healthy = minds(moments(**ALONE))[0].plan
+    healthy = minds(drive(**ALONE))[0].plan
     assert plan != healthy

@@ -4,10 +4,9 @@ import math
 from typing import Any
 
 import pytest
-from faults_helpers import facts, fault, moments, place, run, scenario, truths
+from faults_helpers import drive, facts, fault, place, run, scenario, truths
 
-from fleet.inject.disturbed_loop import disturbed_loop
-from fleet.run.moment import Moment
+from fleet.run.virtual import Step, closed_loop
 
 NEVER = fault("loss", rate=1.0, start_s=1e4)
 """Makes a run one with faults, and does not strike."""
@@ -17,11 +16,11 @@ SOON = 5
 
 
 @pytest.fixture(scope="module")
-def healthy() -> list[Moment]:
-    return moments()
+def healthy() -> list[Step]:
+    return drive()
 
 
-def same_until(driven: list[Moment], other: list[Moment]) -> int:
+def same_until(driven: list[Step], other: list[Step]) -> int:
     """The first step at which two runs stand differently."""
     pairs = zip(truths(driven), truths(other), strict=False)
     states = (
@@ -31,13 +30,13 @@ def same_until(driven: list[Moment], other: list[Moment]) -> int:
     return next((step for step, (a, b) in enumerate(states) if a != b), min(len(driven), len(other)))
 
 
-def speeds(driven: list[Moment], robot: str) -> list[float]:
+def speeds(driven: list[Step], robot: str) -> list[float]:
     return [truth.robots[robot].state.speed_mps for truth in truths(driven)]
 
 
-def test_a_run_whose_faults_never_strike_is_the_run_without_them(healthy: list[Moment]) -> None:
+def test_a_run_whose_faults_never_strike_is_the_run_without_them(healthy: list[Step]) -> None:
     assert healthy[-1].truth.verdict == "arrived"
-    disturbed = moments(NEVER)
+    disturbed = drive(NEVER)
     assert truths(disturbed) == truths(healthy)
     for one, other in zip(disturbed, healthy, strict=True):
         assert one.commands == other.commands
@@ -47,18 +46,18 @@ def test_a_run_whose_faults_never_strike_is_the_run_without_them(healthy: list[M
         }
 
 
-def test_a_mind_with_faults_that_never_strike_is_the_algorithm_itself(healthy: list[Moment]) -> None:
+def test_a_mind_with_faults_that_never_strike_is_the_algorithm_itself(healthy: list[Step]) -> None:
     later = {"robots": [1, 2], "start_s": 1e4}
-    assert truths(moments(fault("stops", **later), fault("solver-failure", **later))) == truths(healthy)
+    assert truths(drive(fault("stops", **later), fault("solver-failure", **later))) == truths(healthy)
 
 
 def test_without_faults_nothing_stands_between_the_world_and_its_robots(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("fleet.run.virtual.disturbed_loop", None)
-    assert len(moments(time_limit_s=0.2)) == 3
+    monkeypatch.setattr("fleet.run.virtual.encode", None)
+    assert len(drive(time_limit_s=0.2)) == 3
     with pytest.raises(TypeError):
-        moments(NEVER, time_limit_s=0.2)
+        drive(NEVER, time_limit_s=0.2)
 
 
 MIXED = [
@@ -73,26 +72,24 @@ MIXED = [
 
 
 def test_the_seed_and_nothing_else_decides_a_run_with_faults() -> None:
-    one, again, other = (truths(moments(*MIXED, seed=seed, time_limit_s=2.0)) for seed in (1, 1, 2))
+    one, again, other = (truths(drive(*MIXED, seed=seed, time_limit_s=2.0)) for seed in (1, 1, 2))
     assert one == again
     assert one != other
 
 
 @pytest.mark.parametrize("kind", ["loss", "slow", "nan", "garbage", "wrong-version", "wrong-epoch"])
-def test_a_robot_that_gets_nothing_intact_drives_its_plan_and_brakes(
-    healthy: list[Moment], kind: str
-) -> None:
-    driven = moments(fault(kind, rate=1.0, robots=[1], start_s=SOON_S), time_limit_s=3.0)
+def test_a_robot_that_gets_nothing_intact_drives_its_plan_and_brakes(healthy: list[Step], kind: str) -> None:
+    driven = drive(fault(kind, rate=1.0, robots=[1], start_s=SOON_S), time_limit_s=3.0)
     assert SOON < same_until(driven, healthy) <= SOON + 3
-    assert all("1" not in moment.decisions for moment in driven[SOON:])
+    assert all("1" not in step.decisions for step in driven[SOON:])
     assert speeds(driven, "1")[-1] == pytest.approx(0.0, abs=1e-6)
     assert truths(driven)[-1].robots["1"].deadline_misses == len(driven) - 1 - SOON
 
 
 def test_a_robot_that_is_shown_another_epoch_does_not_answer_and_keeps_its_memory() -> None:
-    driven = moments(fault("wrong-epoch", rate=1.0, robots=[1], start_s=SOON_S, duration_s=0.1))
+    driven = drive(fault("wrong-epoch", rate=1.0, robots=[1], start_s=SOON_S, duration_s=0.1))
     assert "1" not in driven[SOON].decisions
-    ordinals = [moment.decisions["1"].mind.decision for moment in driven[SOON + 1 : -1]]
+    ordinals = [step.decisions["1"].mind.decision for step in driven[SOON + 1 : -1]]
     assert ordinals == list(range(SOON, SOON + len(ordinals)))
     assert driven[-1].truth.verdict == "arrived"
 
@@ -120,29 +117,29 @@ def test_a_robot_that_is_shown_another_epoch_does_not_answer_and_keeps_its_memor
     ],
     ids=lambda wrong: wrong["kind"],
 )
-def test_a_fault_changes_the_run_from_its_beginning_on(healthy: list[Moment], wrong: dict[str, Any]) -> None:
-    driven = moments({**wrong, "robots": [1], "start_s": SOON_S}, time_limit_s=2.0)
+def test_a_fault_changes_the_run_from_its_beginning_on(healthy: list[Step], wrong: dict[str, Any]) -> None:
+    driven = drive({**wrong, "robots": [1], "start_s": SOON_S}, time_limit_s=2.0)
     assert SOON < same_until(driven, healthy) < SOON + 8
 
 
-def test_a_duplicate_observation_changes_nothing(healthy: list[Moment]) -> None:
-    assert truths(moments(fault("duplication", rate=1.0))) == truths(healthy)
+def test_a_duplicate_observation_changes_nothing(healthy: list[Step]) -> None:
+    assert truths(drive(fault("duplication", rate=1.0))) == truths(healthy)
 
 
-def test_who_does_not_see_the_ghost_drives_through_it(healthy: list[Moment]) -> None:
+def test_who_does_not_see_the_ghost_drives_through_it(healthy: list[Step]) -> None:
     in_the_way = {"x_m": 0.0, "y_m": 0.0}
     beside = [
         min(math.hypot(*place(truth, "1")) for truth in truths(driven))
         for driven in (
-            moments(fault("ghost", robots=[1], **in_the_way)),
-            moments(fault("ghost", robots=[2], **in_the_way)),
+            drive(fault("ghost", robots=[1], **in_the_way)),
+            drive(fault("ghost", robots=[2], **in_the_way)),
         )
     ]
     assert beside[0] > 1.0 > beside[1]
 
 
 def test_commands_that_do_not_count_are_counted_by_the_world() -> None:
-    driven = moments(
+    driven = drive(
         fault("command-duplication", rate=1.0, robots=[1]),
         fault("command-delay", steps=2, robots=[2]),
         time_limit_s=1.5,
@@ -157,14 +154,14 @@ def test_commands_that_do_not_count_are_counted_by_the_world() -> None:
 
 
 def test_the_world_clips_an_excessive_command() -> None:
-    driven = moments(fault("command-excess", robots=[1], factor=50.0), time_limit_s=2.0)
+    driven = drive(fault("command-excess", robots=[1], factor=50.0), time_limit_s=2.0)
     clipped = {name: robot.clipped_commands for name, robot in driven[-1].truth.robots.items()}
     assert clipped["1"] > 10
     assert clipped["2"] == 0
 
 
 def test_a_weak_robot_accelerates_no_more_than_it_can() -> None:
-    driven = moments(fault("weak", robots=[1], factor=0.1), time_limit_s=2.0)
+    driven = drive(fault("weak", robots=[1], factor=0.1), time_limit_s=2.0)
     strongest = {
         name: max(abs(truth.robots[name].acceleration_mps2) for truth in truths(driven))
         for name in ("1", "2")
@@ -176,10 +173,10 @@ def test_a_weak_robot_accelerates_no_more_than_it_can() -> None:
 # Processes.
 
 
-def test_a_killed_robot_decides_no_more_and_its_safe_stop_follows(healthy: list[Moment]) -> None:
-    driven = moments(fault("kill", robots=[1], start_s=SOON_S))
+def test_a_killed_robot_decides_no_more_and_its_safe_stop_follows(healthy: list[Step]) -> None:
+    driven = drive(fault("kill", robots=[1], start_s=SOON_S))
     assert same_until(driven, healthy) > SOON
-    assert ["1" in moment.decisions for moment in driven[: SOON + 3]] == [True] * SOON + [False] * 3
+    assert ["1" in step.decisions for step in driven[: SOON + 3]] == [True] * SOON + [False] * 3
     braked = [truth.robots["1"].acceleration_mps2 for truth in truths(driven)]
     assert braked[SOON + 1] > 0.0, "the second input of its last command"
     assert braked[SOON + 2] < braked[SOON + 1], "then it brakes"
@@ -187,25 +184,21 @@ def test_a_killed_robot_decides_no_more_and_its_safe_stop_follows(healthy: list[
 
 
 def test_a_robot_that_is_started_again_has_an_empty_memory_and_arrives() -> None:
-    driven = moments(fault("kill", robots=[1], start_s=SOON_S, duration_s=0.4))
-    ordinals = [
-        moment.decisions["1"].mind.decision if "1" in moment.decisions else None for moment in driven[:-1]
-    ]
+    driven = drive(fault("kill", robots=[1], start_s=SOON_S, duration_s=0.4))
+    ordinals = [step.decisions["1"].mind.decision if "1" in step.decisions else None for step in driven[:-1]]
     assert ordinals == [*range(SOON), *[None] * 4, *range(len(ordinals) - SOON - 4)]
     assert driven[-1].truth.verdict == "arrived"
 
 
 def test_a_frozen_robot_goes_on_with_its_memory() -> None:
-    driven = moments(fault("freeze", robots=[1], start_s=SOON_S, duration_s=0.4))
-    ordinals = [
-        moment.decisions["1"].mind.decision if "1" in moment.decisions else None for moment in driven[:-1]
-    ]
+    driven = drive(fault("freeze", robots=[1], start_s=SOON_S, duration_s=0.4))
+    ordinals = [step.decisions["1"].mind.decision if "1" in step.decisions else None for step in driven[:-1]]
     assert ordinals == [*range(SOON), *[None] * 4, *range(SOON, len(ordinals) - 4)]
     assert driven[-1].truth.verdict == "arrived"
 
 
-def test_the_world_starts_again_once_from_its_first_step_in_the_next_epoch(healthy: list[Moment]) -> None:
-    driven = moments(fault("restart-world", start_s=SOON_S, duration_s=7.0))
+def test_the_world_starts_again_once_from_its_first_step_in_the_next_epoch(healthy: list[Step]) -> None:
+    driven = drive(fault("restart-world", start_s=SOON_S, duration_s=7.0))
     epochs = [(truth.epoch, truth.step) for truth in truths(driven)]
     assert epochs == [
         *((0, step) for step in range(SOON + 1)),
@@ -217,41 +210,39 @@ def test_the_world_starts_again_once_from_its_first_step_in_the_next_epoch(healt
         truth.robots for truth in truths(healthy)
     ]
     assert all(
-        decision.command.epoch == moment.truth.epoch
-        for moment in driven
-        for decision in moment.decisions.values()
+        decision.command.epoch == step.truth.epoch for step in driven for decision in step.decisions.values()
     )
 
 
 def test_processes_break_once_though_the_world_starts_again() -> None:
-    driven = moments(
+    driven = drive(
         fault("kill", robots=[1], start_s=0.2, duration_s=0.5),
         fault("restart-world", start_s=0.4),
         time_limit_s=1.0,
     )
-    down = [(moment.truth.epoch, moment.truth.step) for moment in driven[:-1] if "1" not in moment.decisions]
+    down = [(step.truth.epoch, step.truth.step) for step in driven[:-1] if "1" not in step.decisions]
     assert down == [(0, 2), (0, 3), (0, 4), (1, 0), (1, 1)]
 
 
-def test_the_machine_and_the_wall_clock_mean_nothing_in_virtual_time(healthy: list[Moment]) -> None:
+def test_the_machine_and_the_wall_clock_mean_nothing_in_virtual_time(healthy: list[Step]) -> None:
     nothing = [fault("pause", start_s=0.3), fault("clock-step", offset_s=3600.0), fault("disk-full")]
-    assert truths(moments(*nothing, fault("recorder-dies"))) == truths(healthy)
+    assert truths(drive(*nothing, fault("recorder-dies"))) == truths(healthy)
 
 
 # Robots that are not there.
 
 
 def test_a_robot_that_arrives_late_is_not_there_before() -> None:
-    driven = moments(fault("arrives-late", robots=[2], start_s=SOON_S))
-    for moment in driven[:-1]:
-        there = {"1", "2"} if moment.truth.step >= SOON else {"1"}
-        assert set(moment.truth.robots) == set(moment.observations) == set(moment.decisions) == there
-        assert set(moment.observations["1"].robots) == there
+    driven = drive(fault("arrives-late", robots=[2], start_s=SOON_S))
+    for step in driven[:-1]:
+        there = {"1", "2"} if step.truth.step >= SOON else {"1"}
+        assert set(step.truth.robots) == set(step.observations) == set(step.decisions) == there
+        assert set(step.observations["1"].robots) == there
     assert driven[-1].truth.verdict == "arrived"
 
 
 def test_a_robot_that_leaves_comes_back_where_it_left() -> None:
-    driven = moments(fault("leaves", robots=[2], start_s=SOON_S, duration_s=0.6))
+    driven = drive(fault("leaves", robots=[2], start_s=SOON_S, duration_s=0.6))
     assert ["2" in truth.robots for truth in truths(driven)[:13]] == [True] * 5 + [False] * 6 + [True] * 2
     before, after = (truths(driven)[step].robots["2"].state for step in (SOON - 1, SOON + 6))
     assert math.hypot(after.x_m - before.x_m, after.y_m - before.y_m) < 0.2
@@ -259,13 +250,13 @@ def test_a_robot_that_leaves_comes_back_where_it_left() -> None:
 
 
 def test_a_robot_that_leaves_for_good_is_not_awaited() -> None:
-    driven = moments(fault("leaves", robots=[2], start_s=SOON_S))
+    driven = drive(fault("leaves", robots=[2], start_s=SOON_S))
     assert driven[-1].truth.verdict == "arrived"
     assert set(driven[-1].truth.robots) == {"1"}
 
 
 def test_an_interruption_ends_a_run_with_faults() -> None:
-    driven = list(disturbed_loop(scenario(NEVER), facts(), lambda: 0.0, lambda: True))
+    driven = list(closed_loop(scenario(NEVER), facts(), lambda: 0.0, lambda: True))
     assert [(truth.step, truth.verdict) for truth in truths(driven)] == [(0, None), (0, "interrupted")]
 
 

@@ -1,24 +1,21 @@
 """When faults strike whom: by the seed, their place in the list, the robot and the step."""
 
 import pytest
-from faults_helpers import fault
-from pydantic import TypeAdapter
+from faults_helpers import fault, parsed
 
-from fleet.inject.effective import effective
-from fleet.inject.schedule import Scheduled, schedule
-from protocol.faults import Fault, Faults
-from protocol.scenario import load_scenario
+from fleet.inject.fault import Fault, Scheduled, schedule
+from fleet.inject.scenario import effective, load_scenario
 from scenarios import find
 
 STEPS = 2000
 
 
 def scheduled(*faults: dict[str, object], seed: int = 0, step_s: float = 0.1) -> list[Scheduled[Fault]]:
-    return schedule(TypeAdapter(Faults).validate_python(faults), seed=seed, step_s=step_s)
+    return schedule(parsed(*faults), seed=seed, step_s=step_s)
 
 
 def struck(each: Scheduled[Fault], robot: str = "1") -> list[int]:
-    return [step for step in range(STEPS) if each.strikes(robot, step)]
+    return [step for step in range(STEPS) if each.strike(robot, step)]
 
 
 @pytest.mark.parametrize(
@@ -58,7 +55,7 @@ def test_a_rate_is_the_share_of_the_steps_that_are_struck() -> None:
 
 def test_a_fault_befalls_the_robots_that_it_names_or_all() -> None:
     named, every = scheduled(fault("loss", rate=1.0, robots=[2]), fault("loss", rate=1.0))
-    assert [each.befalls(robot) for each in (named, every) for robot in ("1", "2")] == [
+    assert [each.fault.befalls(robot) for each in (named, every) for robot in ("1", "2")] == [
         False,
         True,
         True,
@@ -68,14 +65,12 @@ def test_a_fault_befalls_the_robots_that_it_names_or_all() -> None:
 
 
 def test_robots_that_are_late_or_leave_are_absent_meanwhile() -> None:
-    faults = TypeAdapter(Faults).validate_python(
-        [
-            fault("arrives-late", robots=[1], start_s=1.0),
-            fault("leaves", robots=[1, 2], start_s=2.0, duration_s=0.5),
-            fault("leaves", robots=[2], start_s=[4.0, 6.0]),
-            fault("arrives-late", robots=[2]),
-            fault("kill", robots=[2]),
-        ]
+    faults = parsed(
+        fault("arrives-late", robots=[1], start_s=1.0),
+        fault("leaves", robots=[1, 2], start_s=2.0, duration_s=0.5),
+        fault("leaves", robots=[2], start_s=[4.0, 6.0]),
+        fault("arrives-late", robots=[2]),
+        fault("kill", robots=[2]),
     )
     scenario = load_scenario(find("2-crossing")).model_copy(update={"faults": faults})
     late, leaving = (robot.absences_s for robot in effective(scenario, seed=3).robots)

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 from structlog.testing import capture_logs
 
+from fleet.inject.process_faults import WORLD
 from fleet.record.stream import BusMessage, RefusedMind
 from fleet.run.listening import MOST_WAITING_BYTES, Decoder, Mailbox, Outstanding, Received, Subscriber
 from fleet.run.processes import ProcessFailedError
-from fleet.run.supervisor import WORLD
 from protocol.codec import MessageError, encode
 from protocol.keys import Keys
 from protocol.messages import Command, Message, Truth

@@ -2,8 +2,9 @@
 
 import pytest
 
+from fleet.inject.process_faults import WORLD
 from fleet.run.processes import Processes
-from fleet.run.supervisor import BACK_OFF_S, WORLD, Restart, Supervisor
+from fleet.run.supervisor import BACK_OFF_S, Restart, Supervisor
 
 
 class ScriptedProcesses(Processes):

@@ -4,9 +4,11 @@ from typing import Any
 
 from fleet.faults.cases import Case
 from fleet.faults.invariants import Evidence, lost_steps, violations
-from protocol.faults import Leaves, Loss
+from fleet.inject.observation_faults import Loss
+from fleet.inject.process_faults import Leaves
+from fleet.inject.scenario import Scenario
 from protocol.messages import State, TrueRobot, Truth
-from protocol.scenario import Pose, Scenario, ScenarioRobot
+from protocol.scenario import Pose, ScenarioRobot
 
 SCENARIO = Scenario(
     name="lanes",

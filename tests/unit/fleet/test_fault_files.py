@@ -5,21 +5,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from faults_helpers import faults_of
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import TypeAdapter
 
+import protocol.scenario
 from chassis.refusal import Refusal
-from protocol.faults import MAX_FAULTS, Fault, Faults
-from protocol.scenario import Scenario, load_scenario, parse_scenario, scenario_text, with_faults
+from fleet.inject.fault import KINDS
+from fleet.inject.scenario import Scenario, load_scenario, with_faults
+from protocol.scenario import MAX_FAULTS, scenario_text
 from scenarios import find
 
 CROSSING = load_scenario(find("2-crossing"))
-KINDS = {
-    kind.model_fields["kind"].annotation.__args__[0]: kind
-    for kind in Fault.__origin__.__args__  # type: ignore[attr-defined]
-}
-ALL_KINDS = "the kinds are kill, freeze, slow, restart-world, loss, "
+ALL_KINDS = "the kinds are arrives-late, bias, chases, "
 
 
 def refusal(folder: Path, text: str) -> list[str]:
@@ -113,66 +111,39 @@ def test_too_many_faults_together_are_refused(tmp_path: Path) -> None:
         ("[{kind: loss, rate: 1, rat: 2}]", "faults[0].rat: there is no such field; did you mean 'rate'?"),
     ],
 )
-def test_mistakes_in_a_scenario_are_told_alike(faults: str, told: str) -> None:
-    text = scenario_text(CROSSING) + f"faults: {faults}\n"
+def test_mistakes_in_a_scenario_are_told_alike(tmp_path: Path, faults: str, told: str) -> None:
+    path = tmp_path / "hall.yaml"
+    path.write_text(scenario_text(CROSSING) + f"faults: {faults}\n")
     with pytest.raises(Refusal) as raised:
-        parse_scenario(text, Path("hall.yaml"))
-    assert str(raised.value) == f"hall.yaml:{len(text.splitlines())}: {told}"
+        load_scenario(path)
+    assert str(raised.value) == f"{path}:{len(path.read_text().splitlines())}: {told}"
 
 
-NAMED = {"robots": ["1"]}
-NEEDED: dict[str, dict[str, Any]] = {
-    "delay": {"steps": 2},
-    "jitter": {"steps": 2},
-    "stuck": {"seen": "2"},
-    "ghost": {"x_m": 1.0, "y_m": -0.0, "speed_mps": 0.25},
-    "jump": {"seen": "1", "distance_m": 0.5},
-    "bias": {"seen": "2", "x_m": 1e-7, "y_m": 4.0},
-    "command-delay": {"steps": 10},
-    "chases": {"seen": "2"},
-    "other-cost": {"weights": {"x": 2.0, "heading": 0.125}},
-    "clock-step": {"offset_s": -3600.0},
-}
+def written(path: Path, faults: list[dict[str, Any]]) -> tuple[Scenario, Scenario]:
+    """A scenario with faults, and what is read of it once it is written."""
+    scenario = Scenario.model_validate({**dict(CROSSING), "faults": faults})
+    path.write_text(scenario_text(scenario), encoding="utf-8")
+    return scenario, load_scenario(path)
 
 
-@st.composite
-def any_fault(draw: st.DrawFn) -> dict[str, Any]:
-    kind = draw(st.sampled_from(sorted(KINDS)))
-    fields = KINDS[kind].model_fields
-    fault: dict[str, Any] = {"kind": kind, **NEEDED.get(kind, {})}
-    fault |= {name: NAMED[name] for name in NAMED if name in fields and fields[name].is_required()}
-    if "rate" in fields:
-        fault["rate"] = draw(st.floats(0.0, 1.0, exclude_min=True))
-    start_s = st.floats(0.0, 1e5)
-    fault["start_s"] = draw(start_s | st.tuples(start_s, start_s).map(sorted))
-    if draw(st.booleans()):
-        fault["duration_s"] = draw(st.floats(0.0, 60.0, exclude_min=True))
-    return fault
-
-
-@given(st.lists(any_fault(), max_size=5))
-def test_faults_are_read_back_as_they_are_written(faults: list[dict[str, Any]]) -> None:
-    parsed = TypeAdapter(Faults).validate_python(faults)
-    scenario = Scenario.model_validate({**dict(CROSSING), "faults": parsed})
-    read = parse_scenario(scenario_text(scenario), Path("written.yaml"))
+@given(faults=st.lists(faults_of(), max_size=5))
+def test_faults_are_read_back_as_they_are_written(
+    tmp_path_factory: pytest.TempPathFactory, faults: list[dict[str, Any]]
+) -> None:
+    scenario, read = written(tmp_path_factory.getbasetemp() / "written.yaml", faults)
     assert read == scenario
     assert repr(read) == repr(scenario)
 
 
-def test_every_kind_can_be_written_in_a_file() -> None:
-    faults = [
-        {"kind": kind} | {k: v for k, v in NAMED.items() if k in KINDS[kind].model_fields} for kind in KINDS
-    ]
-    faults = [
-        fault
-        | NEEDED.get(fault["kind"], {})
-        | ({"rate": 0.5} if "rate" in KINDS[fault["kind"]].model_fields else {})
-        for fault in faults
-    ]
-    scenario = Scenario.model_validate({**dict(CROSSING), "faults": faults})
-    read = parse_scenario(scenario_text(scenario), Path("written.yaml"))
-    assert [fault.kind for fault in read.faults] == list(KINDS)
-    assert read == scenario
+@pytest.mark.parametrize("kind", KINDS)
+@given(data=st.data())
+def test_every_kind_can_be_written_in_a_file(
+    tmp_path_factory: pytest.TempPathFactory, kind: str, data: st.DataObject
+) -> None:
+    fault = data.draw(faults_of([kind]))
+    scenario, read = written(tmp_path_factory.getbasetemp() / f"{kind}.yaml", [fault])
+    assert read.faults == scenario.faults
+    assert [type(each) for each in read.faults] == [KINDS[kind]]
 
 
 def test_a_fault_is_written_in_a_line_that_begins_with_its_kind() -> None:
@@ -183,7 +154,9 @@ def test_a_fault_is_written_in_a_line_that_begins_with_its_kind() -> None:
     )
 
 
-def test_absences_are_read_back_as_they_are_written() -> None:
-    away = CROSSING.robots[0].model_copy(update={"absences_s": ((0.0, 1.5), (3.0, 1e5))})
-    scenario = CROSSING.model_copy(update={"robots": [away, CROSSING.robots[1]]})
-    assert parse_scenario(scenario_text(scenario), Path("written.yaml")) == scenario
+def test_a_world_alone_reads_a_scenario_without_knowing_its_faults(tmp_path: Path) -> None:
+    path = tmp_path / "hall.yaml"
+    path.write_text(scenario_text(CROSSING) + "faults: [{kind: of another bench, since: 3}]\n")
+    alone = protocol.scenario.load_scenario(path)
+    assert alone.robots == CROSSING.robots
+    assert protocol.scenario.parse_scenario(scenario_text(alone), path) == alone
