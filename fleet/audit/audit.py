@@ -5,11 +5,12 @@ from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from fleet.audit.difference import Difference, Part
 from fleet.audit.recorded import RecordedRun
 from fleet.audit.replay import RobotReplay, Tally, WorldReplay, replay_world
+from fleet.record.report_file import Record
 from fleet.run.experiment import RunFacts
 from protocol.messages import Verdict
 
@@ -20,11 +21,7 @@ PARTS: tuple[Part, ...] = ("key", "scene", "truth", "observation", "mind", "comm
 """In this order differences of one step are told: what is given first, and then what follows from it."""
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class RobotAudit(_Record):
+class RobotAudit(Record):
     """One robot: of each kind of message, how many are recorded and how many the repetition gives."""
 
     id: str
@@ -38,7 +35,7 @@ class RobotAudit(_Record):
     """How often it began with an empty memory."""
 
 
-class Report(_Record):
+class Report(Record):
     """One audit. In JSON the version of this layout stands under ``schema``."""
 
     layout: Literal[1] = Field(default=1, alias="schema")

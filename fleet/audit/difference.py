@@ -4,8 +4,7 @@ import json
 from itertools import zip_longest
 from typing import Any, Literal, NamedTuple
 
-from pydantic import BaseModel, ConfigDict
-
+from fleet.record.report_file import Record
 from protocol.messages import Message
 
 Part = Literal["key", "scene", "observation", "mind", "command", "truth"]
@@ -15,10 +14,8 @@ LONGEST_TOLD = 300
 _NOTHING: Any = object()
 
 
-class Difference(BaseModel):
+class Difference(Record):
     """One place of a recording and what stands there."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     part: Part
     robot: str | None = None

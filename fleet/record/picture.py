@@ -1,4 +1,4 @@
-"""The picture of a run: ways, robots, goals and their estimates at three times, beside one another."""
+"""The picture of a run: paths, robots, goals and their estimates at three times, beside one another."""
 
 import math
 from array import array
@@ -28,8 +28,47 @@ PUBLISHED_TIMES_S = (1.6, 3.0)
 """The publication's figure shows a run at these times and at its end."""
 LATE_STEPS = 5
 """Minds of one step arrive within this many further steps."""
+COLOURS = [to_hex(colour) for colour in mpl.color_sequences["petroff10"]]
+"""Ten colours that stay distinct with impaired colour vision (Petroff 2021); more robots repeat them."""
+GOAL, ESTIMATE = "*", "D"
+DASHED = (0, (4, 2))
+AGREEMENT_M = 0.01
+"""Observers whose estimates differ by less agree."""
+TIP_RADII = 1.4
+"""How far the tip that shows the heading reaches from the centre, in radii of the body."""
+SMALLEST_FONT, LARGEST_FONT = 5.0, 9.0
+PANEL_IN = 4.2
+"""Width of a panel; its height follows from the shown rectangle."""
+GAP_IN, LEFT_IN, RIGHT_IN, TOP_IN, BOTTOM_IN = 0.3, 0.6, 0.15, 1.0, 0.95
+DOTS_PER_INCH = 150
+WIDEST_TEXT = 100.0
+"""Font size in points times letters an inch that still fits."""
+LEAST_ASPECT, MOST_ASPECT = 0.6, 1.4
+"""A flatter or higher rectangle is filled up, so that the panels stay readable."""
+INK = "0.25"
+STYLE: dict[Any, Any] = {  # matplotlib types the keys as a literal of all that there are
+    "axes.axisbelow": True,
+    "axes.edgecolor": "0.7",
+    "axes.grid": True,
+    "axes.labelcolor": INK,
+    "axes.labelpad": 2,
+    "axes.labelsize": 9,
+    "axes.titlecolor": INK,
+    "axes.titlesize": 10,
+    "grid.color": "0.92",
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 9,
+    "xtick.color": INK,
+    "xtick.labelsize": 8,
+    "xtick.major.size": 3,
+    "ytick.color": INK,
+    "ytick.labelsize": 8,
+    "ytick.major.size": 3,
+}
 
 Points = list[tuple[float, float]]
+Pose = NDArray[np.float64]
+Estimates = Mapping[str, Sequence[tuple[float, float]]]
 
 
 def shown_times_s(end_s: float) -> tuple[float, ...]:
@@ -42,7 +81,7 @@ def shown_times_s(end_s: float) -> tuple[float, ...]:
 class Course:
     """Gathers a run from its messages, as they come or from a recording.
 
-    Of the ways everything is kept, 32 bytes a robot and step; of the estimates only those that may be shown.
+    All poses are kept, 32 bytes a robot and step; of the estimates only those that may be shown.
     Where the world was started again in between, its last epoch is shown.
 
     Args:
@@ -80,7 +119,7 @@ class Course:
         """By robot: time in s, x and y in m, heading in rad at every step of its, shape (steps, 4)."""
         return {name: np.array(poses).reshape(-1, 4) for name, poses in self._poses.items()}
 
-    def estimates(self, time_s: float) -> Mapping[str, Sequence[tuple[float, float]]]:
+    def estimates(self, time_s: float) -> Estimates:
         """Goals as they were estimated at one of the shown times or, without any then, last before it.
 
         Returns:
@@ -100,19 +139,6 @@ class Course:
         return self._late_estimates.setdefault(step, defaultdict(list))
 
 
-COLOURS = [to_hex(colour) for colour in mpl.color_sequences["petroff10"]]
-"""Ten colours that stay distinct with impaired colour vision (Petroff 2021); more robots repeat them."""
-GOAL, ESTIMATE = "*", "D"
-AGREEMENT_M = 0.01
-"""Observers whose estimates differ by less are of one opinion."""
-TIP_RADII = 1.4
-"""How far the tip that shows the heading reaches from the centre, in radii of the body."""
-SMALLEST_FONT, LARGEST_FONT = 5.0, 9.0
-
-Pose = NDArray[np.float64]
-Estimates = Mapping[str, Sequence[tuple[float, float]]]
-
-
 class View(NamedTuple):
     """The shown rectangle and its scale on paper."""
 
@@ -125,7 +151,7 @@ class View(NamedTuple):
 
 @dataclass(frozen=True)
 class Panel:
-    """Draws one moment of a run into axes."""
+    """Draws one instant of a run into axes."""
 
     axes: Axes
     view: View
@@ -144,42 +170,32 @@ class Panel:
         for index, robot in enumerate(self.scenario.robots):
             colour = COLOURS[index % len(COLOURS)]
             rows = past.get(robot.id, np.empty((0, 4)))
-            # A robot that has left the run before leaves only its way.
+            # A robot that has left the run before leaves only its path.
             pose = rows[-1, 1:] if len(rows) and rows[-1, 0] == present_s else None
-            self._way(rows[:, 1:3], colour)
-            self._goal(robot, pose, colour)
+            self.axes.plot(rows[:, 1], rows[:, 2], color=colour, lw=1.8, zorder=2)
+            self.axes.plot(rows[:1, 1], rows[:1, 2], "o", ms=3.5, color=colour, zorder=2)
+            goal = (robot.goal.x_m, robot.goal.y_m)
+            height = _height(robot, pose, goal, 5.0)
+            self.axes.plot(*goal, GOAL, ms=13, mfc=colour, mec="white", mew=0.8, zorder=height)
             if pose is not None:
                 self._robot(robot, pose, colour)
                 self._estimates(robot, pose, estimates.get(robot.id, ()), colour)
-
-    def _goal(self, robot: ScenarioRobot, pose: Pose | None, colour: str) -> None:
-        goal = (robot.goal.x_m, robot.goal.y_m)
-        self.axes.plot(
-            *goal,
-            marker=GOAL,
-            markersize=13,
-            markerfacecolor=colour,
-            markeredgecolor="white",
-            markeredgewidth=0.8,
-            zorder=_height(robot, pose, goal, 5.0),
-        )
-
-    def _way(self, points: NDArray[np.float64], colour: str) -> None:
-        self.axes.plot(points[:, 0], points[:, 1], color=colour, linewidth=1.8, zorder=2)
-        self.axes.plot(*points[:1].T, marker="o", markersize=3.5, color=colour, zorder=2)
 
     def _robot(self, robot: ScenarioRobot, pose: Pose, colour: str) -> None:
         x_m, y_m, heading_rad = pose.tolist()
         radius_m = robot.radius_m
         safe_m = radius_m + self.scenario.safety_margin_m
-        self.axes.add_patch(Circle((x_m, y_m), safe_m, fill=False, edgecolor=colour, linewidth=0.7, zorder=3))
-        self.axes.add_patch(Circle((x_m, y_m), radius_m, facecolor=colour, linewidth=0.0, zorder=3))
         # The sides of the tip touch the disc as tangents.
         side_rad = math.acos(1.0 / TIP_RADII)
         angles_rad = heading_rad + np.array([-side_rad, 0.0, side_rad])
-        reach_m = radius_m * np.array([1.0, TIP_RADII, 1.0])
-        tip = pose[:2] + np.column_stack((reach_m * np.cos(angles_rad), reach_m * np.sin(angles_rad)))
-        self.axes.add_patch(Polygon(tip, facecolor=colour, linewidth=0.0, zorder=3))
+        reach_m = radius_m * np.array([[1.0], [TIP_RADII], [1.0]])
+        tip = pose[:2] + reach_m * np.column_stack((np.cos(angles_rad), np.sin(angles_rad)))
+        for patch in (
+            Circle((x_m, y_m), safe_m, fill=False, edgecolor=colour, linewidth=0.7, zorder=3),
+            Circle((x_m, y_m), radius_m, facecolor=colour, linewidth=0.0, zorder=3),
+            Polygon(tip, facecolor=colour, linewidth=0.0, zorder=3),
+        ):
+            self.axes.add_patch(patch)
         self._name(robot, (x_m, y_m), colour)
 
     def _name(self, robot: ScenarioRobot, centre: tuple[float, float], colour: str) -> None:
@@ -203,36 +219,19 @@ class Panel:
         )
 
     def _estimates(
-        self,
-        robot: ScenarioRobot,
-        pose: Pose,
-        goals: Sequence[tuple[float, float]],
-        colour: str,
+        self, robot: ScenarioRobot, pose: Pose, goals: Sequence[tuple[float, float]], colour: str
     ) -> None:
-        opinions: list[tuple[float, float]] = []
+        different: Points = []
         for goal in goals:
-            if all(math.dist(goal, opinion) > AGREEMENT_M for opinion in opinions):
-                opinions.append(goal)
-        strength = 1.0 if len(opinions) <= 1 else 0.4
-        for x_m, y_m in opinions:
-            self.axes.plot(
-                *((pose[0], x_m), (pose[1], y_m)),
-                color=colour,
-                linewidth=0.9,
-                linestyle=(0, (4, 2)),
-                alpha=0.8 * strength,
-                zorder=2.5,
-            )
-            self.axes.plot(
-                *(x_m, y_m),
-                marker=ESTIMATE,
-                markersize=6.5,
-                markerfacecolor="white",
-                markeredgecolor=colour,
-                markeredgewidth=1.5,
-                alpha=strength,
-                zorder=_height(robot, pose, (x_m, y_m), 4.0),
-            )
+            if all(math.dist(goal, other) > AGREEMENT_M for other in different):
+                different.append(goal)
+        strength = 1.0 if len(different) <= 1 else 0.4
+        for x_m, y_m in different:
+            line = ((pose[0], x_m), (pose[1], y_m))
+            self.axes.plot(*line, color=colour, lw=0.9, ls=DASHED, alpha=0.8 * strength, zorder=2.5)
+            height = _height(robot, pose, (x_m, y_m), 4.0)
+            mark: dict[str, Any] = {"ms": 6.5, "mfc": "white", "mec": colour, "mew": 1.5}
+            self.axes.plot(x_m, y_m, ESTIMATE, **mark, alpha=strength, zorder=height)
 
 
 def _height(robot: ScenarioRobot, pose: Pose | None, point: tuple[float, float], above: float) -> float:
@@ -246,23 +245,12 @@ def _contrast(colour: str) -> str:
     return "black" if float(np.dot(to_rgb(colour), (0.2126, 0.7152, 0.0722))) > 0.5 else "white"
 
 
-PANEL_IN = 4.2
-"""Width of a panel; its height follows from the shown rectangle."""
-GAP_IN, LEFT_IN, RIGHT_IN, TOP_IN, BOTTOM_IN = 0.3, 0.6, 0.15, 1.0, 0.95
-DOTS_PER_INCH = 150
-WIDEST_TEXT = 100.0
-"""Font size in points times letters an inch that still fits."""
-LEAST_ASPECT, MOST_ASPECT = 0.6, 1.4
-"""A flatter or higher rectangle is filled up, so that the panels stay readable."""
-INK = "0.25"
-
-
 def draw_paths(scenario: Scenario, course: Course, summary: Summary, path: Path | BinaryIO) -> None:
     """Draw a run into a PNG file.
 
-    Each panel shows the ways driven until its time, every robot as the disc of its body with its safety
+    Each panel shows the paths driven until its time, every robot as the disc of its body with its safety
     margin and a tip for its heading, the goals, and the goals as they were estimated at that time. Where the
-    observers of a robot are of different opinions, all their estimates are drawn faintly.
+    observers of a robot do not agree, all their estimates are drawn faintly.
 
     Args:
         scenario: what was run.
@@ -276,17 +264,19 @@ def draw_paths(scenario: Scenario, course: Course, summary: Summary, path: Path 
     poses = course.poses() or {r.id: np.array([(0.0, *r.start_state()[:3])]) for r in scenario.robots}
     times_s = shown_times_s(course.end_s)
     view = _view(scenario, poses)
-    figure, all_axes = _figure(len(times_s), view)
-    for axes, time_s in zip(all_axes, times_s, strict=True):
-        axes.set_title(f"t = {time_s:.1f} s", fontsize=10, color=INK)
-        Panel(axes, view, scenario).draw(poses, course.estimates(time_s), time_s)
-    estimated = any(course.estimates(time_s) for time_s in times_s)
-    _explain(figure, summary, scenario.step_s, estimated=estimated)
-    figure.savefig(path, format="png")
+    with mpl.rc_context(STYLE):
+        figure, panels = _figure(len(times_s), view)
+        for axes, time_s in zip(panels, times_s, strict=True):
+            axes.set(title=f"t = {time_s:.1f} s", xlabel="x in m")
+            Panel(axes, view, scenario).draw(poses, course.estimates(time_s), time_s)
+        panels[0].set_ylabel("y in m")
+        estimated = any(course.estimates(time_s) for time_s in times_s)
+        _explain(figure, summary, scenario.step_s, estimated=estimated)
+        figure.savefig(path, format="png")
 
 
 def _view(scenario: Scenario, poses: Mapping[str, NDArray[np.float64]]) -> View:
-    """The rectangle of all ways and goals with the discs around them, not too flat and not too high."""
+    """The rectangle of all paths and goals with the discs around them, not too flat and not too high."""
     goals = [(r.goal.x_m, r.goal.y_m) for r in scenario.robots]
     points = np.vstack([goals, *(rows[:, 1:3] for rows in poses.values())])
     reach_m = max(r.radius_m for r in scenario.robots) + scenario.safety_margin_m
@@ -301,49 +291,35 @@ def _view(scenario: Scenario, poses: Mapping[str, NDArray[np.float64]]) -> View:
 def _figure(columns: int, view: View) -> tuple[Figure, list[Axes]]:
     """Axes of exactly the wanted size in m and on paper, with room for the titles and the legend."""
     height_in = PANEL_IN * (view.y_max_m - view.y_min_m) / (view.x_max_m - view.x_min_m)
-    size_in = (
-        LEFT_IN + columns * PANEL_IN + (columns - 1) * GAP_IN + RIGHT_IN,
-        BOTTOM_IN + height_in + TOP_IN,
-    )
-    figure = Figure(figsize=size_in, dpi=DOTS_PER_INCH, facecolor="white")
+    whole_in = BOTTOM_IN + height_in + TOP_IN
+    width_in = LEFT_IN + columns * PANEL_IN + (columns - 1) * GAP_IN + RIGHT_IN
+    figure = Figure(figsize=(width_in, whole_in), dpi=DOTS_PER_INCH, facecolor="white")
     FigureCanvasAgg(figure)
-    all_axes = []
-    for column in range(columns):
-        left_in = LEFT_IN + column * (PANEL_IN + GAP_IN)
-        axes = figure.add_axes(
-            (left_in / size_in[0], BOTTOM_IN / size_in[1], PANEL_IN / size_in[0], height_in / size_in[1])
-        )
-        axes.set(xlim=(view.x_min_m, view.x_max_m), ylim=(view.y_min_m, view.y_max_m), aspect="equal")
-        axes.set_xlabel("x in m", fontsize=9, color=INK, labelpad=2)
-        axes.tick_params(labelsize=8, colors=INK, labelleft=column == 0, length=3)
-        axes.grid(color="0.92", linewidth=0.6)
-        axes.set_axisbelow(True)
-        for spine in axes.spines.values():
-            spine.set_color("0.7")
-        all_axes.append(axes)
-    all_axes[0].set_ylabel("y in m", fontsize=9, color=INK, labelpad=2)
-    return figure, all_axes
+    edges = {
+        "left": LEFT_IN / width_in,
+        "right": 1.0 - RIGHT_IN / width_in,
+        "bottom": BOTTOM_IN / whole_in,
+        "top": 1.0 - TOP_IN / whole_in,
+        "wspace": GAP_IN / PANEL_IN,
+    }
+    shown = {"xlim": (view.x_min_m, view.x_max_m), "ylim": (view.y_min_m, view.y_max_m), "aspect": "equal"}
+    panels = figure.subplots(1, columns, sharey=True, squeeze=False, gridspec_kw=edges, subplot_kw=shown)
+    return figure, list(panels[0])
 
 
 def _explain(figure: Figure, summary: Summary, step_s: float, *, estimated: bool) -> None:
-    """The title, what came of the run, and the meaning of the marks."""
+    """The title, how the run ended, and the meaning of the marks."""
     width_in, height_in = figure.get_size_inches()
     left = LEFT_IN / width_in
     title = f"Scenario {summary.scenario}, goals: {summary.goals}"
-    result = verdict_line(summary, step_s)
     for text, below_top_in, largest_font, weight in (
         (title, 0.3, 14.0, "bold"),
-        (result, 0.58, 10.0, "normal"),
+        (verdict_line(summary, step_s), 0.58, 10.0, "normal"),
     ):
-        figure.text(
-            *(left, 1.0 - below_top_in / height_in),
-            text,
-            fontsize=min(largest_font, WIDEST_TEXT * width_in / len(text)),
-            fontweight=weight,
-            va="center",
-        )
+        font = min(largest_font, WIDEST_TEXT * width_in / len(text))
+        figure.text(left, 1.0 - below_top_in / height_in, text, fontsize=font, fontweight=weight, va="center")
     entries: dict[str, Any] = {
-        "way driven": Line2D([], [], color="0.4", linewidth=1.8),
+        "path driven": Line2D([], [], color="0.4", linewidth=1.8),
         "robot with safety margin; tip: heading": (
             legend_mark("o", 14, "none", edge="0.6"),
             legend_mark("o", 10, "0.4"),
@@ -352,7 +328,7 @@ def _explain(figure: Figure, summary: Summary, step_s: float, *, estimated: bool
     }
     if estimated:
         entries["estimated goal"] = (
-            Line2D([], [], color="0.4", linewidth=0.9, linestyle=(0, (4, 2))),
+            Line2D([], [], color="0.4", linewidth=0.9, linestyle=DASHED),
             legend_mark(ESTIMATE, 7, "white", edge="0.4", edge_width=1.4),
         )
     figure.legend(
@@ -364,7 +340,6 @@ def _explain(figure: Figure, summary: Summary, step_s: float, *, estimated: bool
         borderpad=0.0,
         ncols=len(entries) if len(figure.axes) > 1 else 2,
         frameon=False,
-        fontsize=9,
         handlelength=2.6,
         columnspacing=2.4,
     )
@@ -374,13 +349,4 @@ def legend_mark(
     marker: str, size: float, face: str, *, edge: str = "none", edge_width: float = 0.8
 ) -> Line2D:
     """A mark as a legend shows it; size and width in points."""
-    return Line2D(
-        [],
-        [],
-        linestyle="none",
-        marker=marker,
-        markersize=size,
-        markerfacecolor=face,
-        markeredgecolor=edge,
-        markeredgewidth=edge_width,
-    )
+    return Line2D([], [], ls="none", marker=marker, ms=size, mfc=face, mec=edge, mew=edge_width)

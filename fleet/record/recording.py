@@ -15,7 +15,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import MCAP0_MAGIC, Writer
 from pydantic import ValidationError
 
-from chassis.refusal import Refusal
+from chassis.refusal import ExitStatus, Refusal
 from fleet.run.experiment import RunFacts
 from protocol.messages import Command, Message, Mind, Observation, PublicScene, Truth
 
@@ -79,7 +79,7 @@ ENDING: Final = _shortest_ending()
 
 
 class RecordingError(Refusal):
-    """A recording that cannot be written or read; the text names the file, what is wrong and what helps."""
+    """A recording that cannot be read; the text names the file, what is wrong and what helps."""
 
 
 class Recorder:
@@ -120,12 +120,12 @@ class Recorder:
         """Open the file and write what is known before the first message.
 
         Raises:
-            RecordingError: the file cannot be opened or written.
+            Refusal: the file cannot be opened or written.
         """
         try:
             self._file = self._open_file(self._path)
         except OSError as error:
-            raise RecordingError(f"{self._path}: cannot write a recording there: {error.strerror}") from error
+            raise self._refusal(f"cannot write a recording there: {error.strerror}") from error
         self._writer = Writer(self._file, chunk_size=CHUNK_BYTES)
         with self._failing_readably():
             self._writer.start()
@@ -148,10 +148,10 @@ class Recorder:
                 simulation.
 
         Raises:
-            RecordingError: the disk did not take it, or did not take something earlier.
+            Refusal: the disk did not take it, or did not take something earlier.
         """
         if self._closed:
-            raise RecordingError(f"{self._path}: the recording is closed; no more messages can be added")
+            raise self._refusal("the recording is closed; no more messages can be added")
         # MCAP counts in 32 bits, steps may in theory go further.
         sequence = getattr(message, "step", 0) % 2**32
         data = message.model_dump_json().encode()
@@ -164,7 +164,7 @@ class Recorder:
         """Write the rest and the index, and close the file.
 
         Raises:
-            RecordingError: the disk did not take it.
+            Refusal: the disk did not take it.
         """
         if self._closed:
             return
@@ -203,15 +203,16 @@ class Recorder:
             yield
         except OSError as error:
             ending = self._end_after_whole_chunks()
-            raise RecordingError(
-                f"{self._path}: the recording cannot go on: {error.strerror}; {ending}"
-            ) from error
+            raise self._refusal(f"the recording cannot go on: {error.strerror}; {ending}") from error
         except BaseException:
             self._end_after_whole_chunks()
             raise
 
+    def _refusal(self, reason: str) -> Refusal:
+        return Refusal(f"{self._path}: {reason}", ExitStatus.FAILED)
+
     def _end_after_whole_chunks(self) -> str:
-        """Replace what is incomplete by the ending, and close the file; tell how it went."""
+        """Replace what is incomplete by the ending, and close the file; say how it went."""
         self._closed = True
         # Closing writes what is left in the buffer; whether that works or not, it is cut off below.
         with suppress(OSError):

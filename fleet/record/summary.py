@@ -7,19 +7,16 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from chassis.files import write_whole
+from fleet.record.report_file import Record
 from fleet.record.stream import RefusedMind, Restarted
 from fleet.run.experiment import RunFacts
 from protocol.messages import Message, Mind, PublicScene, TrueRobot, Truth
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
-
-
-class RobotSummary(_Record):
+class RobotSummary(Record):
     """One robot's part."""
 
     id: str
@@ -30,7 +27,7 @@ class RobotSummary(_Record):
     deadline_misses: int
 
 
-class PhaseDurations(_Record):
+class PhaseDurations(Record):
     """Percentiles of one phase's wall-clock time, in ms, over all robots' decisions in which it ran.
 
     None where it never ran: nothing was measured, which is not the same as no time.
@@ -41,7 +38,7 @@ class PhaseDurations(_Record):
     max: float | None
 
 
-class Phases(_Record):
+class Phases(Record):
     """The phases of a decision; ``decide`` is the whole."""
 
     estimate: PhaseDurations
@@ -50,7 +47,7 @@ class Phases(_Record):
     decide: PhaseDurations
 
 
-class Summary(_Record):
+class Summary(Record):
     """One run. In JSON the version stands under ``schema``."""
 
     version: Literal[1] = Field(default=1, alias="schema")
@@ -79,9 +76,9 @@ class Summary(_Record):
     """Messages that were not taken, by robot and reason; reasons of minds begin with ``mind:``."""
     interventions: int = 0
     """How often last-resort collision monitors have begun to brake."""
-    degraded: dict[str, dict[str, float]] = {}
+    degraded: dict[str, dict[str, float]] = Field(default_factory=dict)
     """In which ways robots were degraded and for how long, in s; only those that were."""
-    restarts: dict[str, int] = {}
+    restarts: dict[str, int] = Field(default_factory=dict)
     """How often processes were started again, by their name; only those that were."""
     robots: tuple[RobotSummary, ...]
     phases_ms: Phases

@@ -125,10 +125,10 @@ def conduct(experiment: Experiment, out: Path | None, stream: Stream, begin: str
     facts = experiment.facts
     failure: Refusal | None = None
     name = re.sub(r"[^\w.-]", "-", facts.scenario)  # it may hold anything, a slash too
-    output = Output(out or Path("runs") / f"{name}-{facts.goals}-{datetime.now():%Y%m%d-%H%M%S}", experiment)
+    directory = out or Path("runs") / f"{name}-{facts.goals}-{datetime.now():%Y%m%d-%H%M%S}"
     console = Console(highlight=False)
     with Interruption() as interruption:
-        output.make_directory()
+        output = Output(directory, experiment)
         try:
             with output, RunProgress(console, announced(begin)) as progress:
                 _follow(stream(output.logs, interruption), output, progress, interruption)
@@ -139,7 +139,8 @@ def conduct(experiment: Experiment, out: Path | None, stream: Stream, begin: str
         try:
             summary = output.finish(without_verdict="interrupted" if failure is None else "failed")
         except Refusal as refusal:
-            raise Refusal("\n".join(map(str, filter(None, (failure, refusal)))), ExitStatus.FAILED) from None
+            sentences = map(str, filter(None, (failure, refusal)))
+            raise Refusal("\n".join(sentences), ExitStatus.FAILED) from None
         if summary.robots:
             console.print(robot_table(summary, output.tally.clipped_commands))
         console.print(verdict_line(summary, experiment.scenario.step_s))

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from agent.process.options import DecisionOptions
-from fleet.record.output import Output, OutputError
+from chassis.refusal import Refusal
+from fleet.record.output import Output
 from fleet.record.recording import read_recording
 from fleet.record.stream import BusMessage
 from fleet.run.experiment import Experiment, prepare
@@ -50,7 +51,7 @@ def test_a_directory_that_is_there_and_empty_is_used(tmp_path: Path, experiment:
 
 def test_a_directory_that_holds_something_is_left_as_it_is(tmp_path: Path, experiment: Experiment) -> None:
     (tmp_path / "summary.json").write_text("of an older run")
-    with pytest.raises(OutputError, match=r"is not empty.*--out"), Output(tmp_path, experiment):
+    with pytest.raises(Refusal, match=r"is not empty.*--out"), Output(tmp_path, experiment):
         pass
     assert [path.name for path in tmp_path.iterdir()] == ["summary.json"]
     assert (tmp_path / "summary.json").read_text() == "of an older run"
@@ -60,7 +61,7 @@ def test_a_directory_that_cannot_be_made_is_an_error(tmp_path: Path, experiment:
     (tmp_path / "file").touch()
     directory = tmp_path / "file" / "run"
     with (
-        pytest.raises(OutputError, match=f"{directory} cannot be used for the output: Not a directory"),
+        pytest.raises(Refusal, match=f"{directory} cannot be used for the output: Not a directory"),
         Output(directory, experiment),
     ):
         pass
@@ -81,5 +82,5 @@ def test_a_summary_that_cannot_be_written_is_an_error_that_names_it(
 ) -> None:
     with Output(tmp_path, experiment) as output:
         (tmp_path / "summary.json").mkdir()
-    with pytest.raises(OutputError, match=r"summary\.json.* cannot be written: Is a directory"):
+    with pytest.raises(Refusal, match=r"summary\.json.* cannot be written: Is a directory"):
         output.finish(without_verdict="failed")

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from chassis.refusal import Refusal
 from fleet.record.recording import CHUNK_BYTES, ENDING, Recorder, RecordingError, read_recording
 from fleet.run.experiment import RunFacts
 from protocol.keys import Keys
@@ -196,7 +197,7 @@ def test_a_recording_can_be_read_while_it_is_written(
 
 @DISK_FAULTS
 def test_a_full_disk_is_one_clear_error(facts: RunFacts) -> None:
-    with pytest.raises(RecordingError, match=r"/dev/full: .*No space left on device"):
+    with pytest.raises(Refusal, match=r"/dev/full: .*No space left on device"):
         write(Path("/dev/full"), facts, [])
 
 
@@ -222,7 +223,7 @@ def test_what_was_recorded_before_the_disk_was_full_is_kept(
     step_bytes = whole_bytes // 40
     for limit in [*range(step_bytes, whole_bytes, step_bytes), chunks[1][0] + len(ENDING), whole_bytes - 1]:
         path.unlink()
-        with file_size_limit(limit), pytest.raises(RecordingError, match="before can be read"):
+        with file_size_limit(limit), pytest.raises(Refusal, match="before can be read"):
             write(path, facts, minds)
         fitting = max((count for end, count in chunks if end + len(ENDING) <= limit), default=0)
         assert list(read_recording(path)) == minds[:fitting]
@@ -238,9 +239,9 @@ def test_after_a_failure_no_more_is_recorded(path: Path, facts: RunFacts, make_m
             accepted.append((key, mind))
 
     with Recorder(path, facts, SCENARIO_TEXT) as recorder:
-        with file_size_limit(30_000), pytest.raises(RecordingError, match="File too large"):
+        with file_size_limit(30_000), pytest.raises(Refusal, match="File too large"):
             record_all(recorder)
-        with pytest.raises(RecordingError, match="closed"):
+        with pytest.raises(Refusal, match="closed"):
             recorder.record(*minds[0], 0)
     read = list(read_recording(path))
     assert 0 < len(read) < len(minds)
@@ -275,7 +276,7 @@ def size_of(messages: list[tuple[str, Message]]) -> int:
 
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path: Path, facts: RunFacts) -> None:
-    with pytest.raises(RecordingError, match=r"missing/run\.mcap: .*No such file or directory"):
+    with pytest.raises(Refusal, match=r"missing/run\.mcap: .*No such file or directory"):
         write(tmp_path / "missing" / "run.mcap", facts, [])
 
 
@@ -331,7 +332,7 @@ def test_damage_never_raises_anything_but_the_one_error(
         content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
     path.write_bytes(content)
     # Any other exception fails the test; damage to an index or a topic need not be noticed.
-    with suppress(RecordingError):
+    with suppress(Refusal):
         kinds = {type(message) for _, message in read_recording(path)}
         assert kinds <= {PublicScene, Observation, Command, Mind, Truth}
 
