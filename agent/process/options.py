@@ -90,6 +90,10 @@ class DecisionOptions(Record):
         description="Milliseconds after which the real-time solver improves a decision no further.",
     )
 
+    def decisions(self) -> dict[str, Any]:
+        """These options alone, by name."""
+        return self.model_dump(include=set(DecisionOptions.model_fields))
+
     @property
     def budget_s(self) -> float | None:
         """The time that a decision may take, in s; None for no limit."""

@@ -91,7 +91,7 @@ def prepare(
     scenario = load_scenario(path)
     if faults is not None:
         scenario = with_faults(scenario, faults)
-    options = decisions.model_dump()
+    options = decisions.decisions()
     if decisions.budget_ms is None and clock == ClockKind.REALTIME:
         options["budget_ms"] = BUDGET_SHARE * 1000.0 * scenario.step_s
     facts = RunFacts(

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from agent.process.options import RobotOptions
 from fleet.inject.process_faults import WORLD, name_of
 from fleet.inject.settings import FaultSettings
 from fleet.record.address import Address
@@ -140,18 +141,11 @@ class Launch:
 
     def _robot(self, robot: ScenarioRobot, endpoint: str) -> ProcessSettings:
         """It gets its own goal and no other."""
-        facts, goal = self._experiment.facts, robot.goal_pose()
-        budget = {} if facts.budget_ms is None else {"budget_ms": repr(facts.budget_ms)}
-        settings = budget | {
-            "robot": robot.id,
-            "goal": f"{goal.x_m!r},{goal.y_m!r},{goal.heading_rad!r}",
-            "connect": endpoint,
-            "run": facts.run,
-            "goals": facts.goals,
-            "solver": facts.solver,
-            "iterations": str(facts.iterations),
-        }
-        settings |= self._logins.of_robot(robot.id)
+        facts = self._experiment.facts
+        options = RobotOptions(
+            robot=robot.id, goal=robot.goal_pose(), connect=endpoint, run=facts.run, **facts.decisions()
+        )
+        settings = options.as_environment() | self._logins.of_robot(robot.id)
         if self._faults.on_robot(robot.id):
             return ProcessSettings(name_of(robot.id), "fleet.inject.robot", settings | self._faults.settings)
         return ProcessSettings(name_of(robot.id), "agent", settings)

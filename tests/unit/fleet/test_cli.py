@@ -6,51 +6,21 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
 import yaml
 from click.testing import Result
 from typer.testing import CliRunner
 
+import world.__main__
 from agent.solve import SolverName, joint_solver
 from agent.solve.deadline import Deadline
 from agent.solve.problem import JointSolver
-from fleet.cli import app
+from chassis.refusal import app_of
+from fleet.cli import COMMANDS, app
 from fleet.record.recording import read_recording
 
-COMMANDS = ("run", "simulate", "bench", "scenarios", "audit", "replay", "world", "agent")
-ENVIRONMENT = {
-    "world": (
-        "scenario",
-        "listen",
-        "users",
-        "keys",
-        "insecure",
-        "run",
-        "clock",
-        "seed",
-        "exchange-goals",
-        "await-reader",
-        "start-timeout",
-        "answer-timeout",
-        "watch-port",
-    ),
-    "agent": (
-        "robot",
-        "goal",
-        "connect",
-        "password-file",
-        "keys",
-        "run",
-        "goals",
-        "solver",
-        "iterations",
-        "budget-ms",
-        "watch-port",
-        "config",
-        "robots",
-    ),
-}
-ONCE = {"help", "check", "json"}
-"""What nobody would put into an environment."""
+GROUPS = ("bridge", "keys", "scenarios")
+SUBCOMMANDS = ("bridge ros2", "keys create", "keys show", "scenarios list", "scenarios generate")
 BLIND = {"dropout": 1.0}
 HEAD_ON = [
     {"id": 1, "start": {"x_m": -1.5, "y_m": 0.0}, "goal": {"x_m": 1.5, "y_m": 0.0}},
@@ -62,12 +32,11 @@ ALONE = [{"id": "solo", "start": {"x_m": 0.0, "y_m": 0.0}, "goal": {"x_m": 0.5, 
 @pytest.fixture(autouse=True)
 def _in_an_empty_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    for name in ("COLUMNS", "TERMINAL_WIDTH"):
-        monkeypatch.setenv(name, "200")
+    monkeypatch.setenv("COLUMNS", "200")
 
 
 def unspoken(*arguments: object, env: dict[str, str] | None = None) -> Result:
-    return CliRunner().invoke(app, [str(argument) for argument in arguments], env=env)
+    return CliRunner().invoke(app, list(map(str, arguments)), env=env, prog_name="unspoken")
 
 
 def scenario(robots: list[dict[str, Any]], **rules: Any) -> str:
@@ -93,56 +62,50 @@ def is_refused(result: Result, *words: str) -> None:
     assert not Path("runs").exists()
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_has_a_help_with_its_exit_status(command: str) -> None:
-    result = unspoken(command, "--help")
+@pytest.mark.parametrize("columns", [80, 100])
+@pytest.mark.parametrize("command", [*COMMANDS, *SUBCOMMANDS])
+def test_every_command_has_a_help_with_its_exit_status_that_fits_the_terminal(
+    command: str, columns: int
+) -> None:
+    result = unspoken(*command.split(), "--help", env={"COLUMNS": str(columns)})
     assert result.exit_code == 0
-    assert f"unspoken {command}" in result.stdout.replace("root", "unspoken")
-    assert "Exit status: 0" in result.stdout
+    assert result.stdout.startswith(f"Usage: unspoken {command} ")
+    assert command in GROUPS or "Exit status: 0" in result.stdout
+    assert max(map(len, result.stdout.splitlines())) <= columns
 
 
-def test_the_command_alone_lists_all_commands() -> None:
-    result = unspoken()
-    assert "Traceback" not in result.output
-    for command in COMMANDS:
-        assert re.search(rf"^│ {command} ", result.output, re.MULTILINE)
-
-
-@pytest.mark.parametrize(
-    ("command", "option"),
-    [(command, option) for command, options in ENVIRONMENT.items() for option in options],
-)
-def test_every_option_of_a_single_process_has_its_environment_variable(command: str, option: str) -> None:
-    text = unspoken(command, "--help").stdout
-    assert f"--{option} " in text
-    assert f"[env var: UNSPOKEN_{option.upper().replace('-', '_')}]" in text
-
-
-@pytest.mark.parametrize("command", ENVIRONMENT)
-def test_no_option_of_a_single_process_is_missing_above(command: str) -> None:
-    listed = re.findall(r"--([a-z-]+) ", unspoken(command, "--help").stdout)
-    assert set(listed) - ONCE == set(ENVIRONMENT[command])
+def test_the_command_alone_lists_all_commands_each_in_one_whole_line() -> None:
+    for columns in ("80", "100"):
+        result = unspoken(env={"COLUMNS": columns})
+        assert "Traceback" not in result.output
+        for command, (_, line) in COMMANDS.items():
+            assert re.search(rf"^  {command} +{re.escape(line)}$", result.output, re.MULTILINE)
 
 
 @pytest.mark.parametrize(
-    ("variable", "value", "words"),
+    ("words", "found"),
     [
-        ("UNSPOKEN_ROBOT", "a/b", ("--robot", "'a/b' found")),
-        ("UNSPOKEN_GOAL", "1,2", ("--goal", "'1,2' found, x,y,heading is expected")),
-        ("UNSPOKEN_GOAL", "1,2,nan", ("--goal", "x,y,heading is expected")),
-        ("UNSPOKEN_RUN", "*", ("--run", "'*' found")),
-        ("UNSPOKEN_GOALS", "guess", ("--goals", "guess", "constant-acceleration")),
-        ("UNSPOKEN_SOLVER", "slow", ("--solver", "slow", "realtime", "reference")),
-        ("UNSPOKEN_ITERATIONS", "0", ("--iterations", "greater than or equal to 1")),
-        ("UNSPOKEN_BUDGET_MS", "nan", ("--budget-ms", "nan found", "not negative")),
-        ("UNSPOKEN_BUDGET_MS", "-1", ("--budget-ms", "-1.0 found")),
+        ("sim", {"simulate"}),
+        ("run --it", {"--iterations"}),
+        ("run --solver re", {"realtime", "reference"}),
+        ("keys cr", {"create"}),
+        ("agent --budg", {"--budget-ms"}),
     ],
 )
-def test_a_robot_s_option_from_the_environment_is_read_and_checked(
-    variable: str, value: str, words: tuple[str, ...]
-) -> None:
-    right = {"UNSPOKEN_ROBOT": "1", "UNSPOKEN_GOAL": "1,2,3"}
-    is_refused(unspoken("agent", env={**right, variable: value}), *words)
+def test_the_shell_completes_commands_options_and_values(words: str, found: set[str]) -> None:
+    line = f"unspoken {words}"
+    wanted = {"COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1)}
+    result = CliRunner().invoke(
+        app, [], prog_name="unspoken", env={"_UNSPOKEN_COMPLETE": "complete_bash", **wanted}
+    )
+    assert set(result.stdout.split()) == found
+
+
+def test_every_option_of_a_world_has_its_environment_variable() -> None:
+    options = typer.main.get_command(app_of(world.__main__.main)).params
+    assert len(options) >= 13
+    for option in options:
+        assert option.envvar == f"UNSPOKEN_{option.name.upper()}"
 
 
 @pytest.mark.parametrize("command", ["run", "simulate"])
@@ -167,18 +130,13 @@ def test_wrong_usage_is_refused_before_anything_is_written(
     is_refused(unspoken(command, *arguments), *words)
 
 
-@pytest.mark.parametrize("value", ["nan", "inf", "-0.1"])
-def test_a_budget_that_is_none_is_refused(value: str) -> None:
-    is_refused(unspoken("run", "8a", "--budget-ms", value), "--budget-ms", f"{value} found")
+@pytest.mark.parametrize(("value", "words"), [("nan", "or equal to 0"), ("inf", "finite"), ("-0.1", "0")])
+def test_a_budget_that_is_none_is_refused(value: str, words: str) -> None:
+    is_refused(unspoken("run", "8a", "--budget-ms", value), "--budget-ms", words)
 
 
 def test_a_simulation_has_no_clock_that_could_bound_decisions() -> None:
     is_refused(unspoken("simulate", "8a", "--budget-ms", "50"), "--budget-ms")
-
-
-@pytest.mark.parametrize("command", ["run", "simulate", "agent"])
-def test_the_real_time_solver_is_the_default(command: str) -> None:
-    assert re.search(r"--solver .*\[default: realtime\]", unspoken(command, "--help").stdout)
 
 
 def test_a_simulation_keeps_which_solver_it_used_and_how(monkeypatch: pytest.MonkeyPatch) -> None:
