@@ -3,9 +3,9 @@
 from typing import Any
 
 import pytest
-from agent.drive.safety import CollisionMonitor
 from faults_helpers import facts, fault, run, scenario
 
+from agent.drive.safety import CollisionMonitor
 from fleet.run.virtual import Step
 from protocol.scenario import load_scenario
 from scenarios import find
