@@ -81,7 +81,7 @@ def test_a_path_is_found_as_it_is(tmp_path: Path) -> None:
     ("wanted", "meant"),
     [("8b", "8a"), ("4-crosing", "4-crossing"), ("scenarios/2-crossing.yml", "2-crossing")],
 )
-def test_an_unknown_name_is_told_with_the_nearest_one(wanted: str, meant: str) -> None:
+def test_an_unknown_name_is_refused_with_the_nearest_one(wanted: str, meant: str) -> None:
     with pytest.raises(Refusal) as raised:
         find(wanted)
     assert str(raised.value).startswith(f"{wanted}: ")

@@ -1,12 +1,26 @@
-"""The scenario model: published defaults, headings left out, checks of the whole, the public scene."""
+"""Scenarios: published defaults, checks of the whole, the public scene, and files written and read back."""
 
 import math
+from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from protocol.scenario import Scenario, Sensing
+from protocol.scenario import (
+    Pose,
+    Scenario,
+    ScenarioRobot,
+    Sensing,
+    load_scenario,
+    parse_scenario,
+    scenario_text,
+)
+from protocol.scene import Area, Horizons, Weights
+from protocol.vehicle import Limits
+from scenarios import find
 
 
 def robot(name: str, start: tuple[float, float], goal: tuple[float, float], **more: Any) -> dict[str, Any]:
@@ -53,16 +67,12 @@ def test_the_defaults_are_the_publications() -> None:
     ("goal", "heading"), [((4, 0), 0), ((-4, 4), math.pi / 2), ((-4, -4), -math.pi / 2), ((-8, 0), math.pi)]
 )
 def test_a_heading_left_out_points_from_start_to_goal(goal: tuple[float, float], heading: float) -> None:
-    (it,) = scenario(robot("a", (-4, 0), goal)).robots
+    way = robot("a", (-4, 0), goal)
+    (it,) = scenario(way).robots
     assert it.start_state() == pytest.approx((-4, 0, heading, 0))
     assert it.goal_pose().as_state() == pytest.approx((*goal, heading, 0))
-
-
-def test_a_heading_given_stays() -> None:
-    given = robot("a", (-4, 0), (4, 0))
-    given["start"]["heading_rad"] = 1.0
-    given["goal"]["heading_rad"] = -2.0
-    (it,) = scenario(given).robots
+    way["start"]["heading_rad"], way["goal"]["heading_rad"] = 1.0, -2.0
+    (it,) = scenario(way).robots
     assert (it.start_state()[2], it.goal_pose().heading_rad) == (1.0, -2.0)
 
 
@@ -99,21 +109,15 @@ def test_different_bodies_keep_their_own_distances() -> None:
     assert scene.safety_distance_m("a", "b") == pytest.approx(2.495)
 
 
-OUTSIDE = [
-    (robot("a", (-10.01, 0), (4, 0)), "robots.0.start"),
-    (robot("a", (-4, 0), (4, 10.01)), "robots.0.goal"),
-]
-
-
-@pytest.mark.parametrize(("outside", "place"), OUTSIDE)
-def test_poses_outside_the_area_are_refused(outside: dict[str, Any], place: str) -> None:
-    where, what = problem(outside, B)
-    assert where == place
-    assert what.endswith(" lies outside the area x -10…10, y -10…10 m")
-
-
-def test_the_border_belongs_to_the_area() -> None:
+def test_poses_lie_inside_the_area_or_on_its_border() -> None:
     assert len(scenario(robot("a", (-10, -10), (10, 10))).robots) == 1
+    for outside, place in (
+        (robot("a", (-10.01, 0), (4, 0)), "robots.0.start"),
+        (robot("a", (-4, 0), (4, 10.01)), "robots.0.goal"),
+    ):
+        where, what = problem(outside, B)
+        assert where == place
+        assert what.endswith(" lies outside the area x -10…10, y -10…10 m")
 
 
 def test_starts_may_be_as_near_as_bodies_and_goals_as_near_as_the_safety_distance() -> None:
@@ -143,3 +147,79 @@ def problem(*robots: dict[str, Any]) -> tuple[str, str]:
         scenario(*robots)
     (error,) = raised.value.errors()
     return error["ctx"]["where"], error["ctx"]["what"]
+
+
+PLACES_M = 10.0
+"""Between robots; each stands anywhere within 4 m of a place of its own."""
+
+odd = st.sampled_from([0.0, -0.0, 4.0, 1e-7, 5e-324])
+"""Numbers that are easily written wrong."""
+near = odd | st.floats(-4.0, 4.0)
+positive = st.floats(0.0, 1e3, exclude_min=True)
+ids = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}", fullmatch=True) | st.sampled_from(
+    ["1", "007", "1e5", "0x1F", "1_0", "true", "null", "2026-01-31", "no", "on"]
+)
+sensing = st.builds(
+    Sensing,
+    range_m=st.none() | positive,
+    position_noise_m=st.floats(0.0, 1.0),
+    dropout=st.floats(0.0, 1.0),
+    delay_steps=st.integers(0, 10),
+)
+
+
+@st.composite
+def poses(draw: st.DrawFn, place: int) -> Pose:
+    x_m = draw(near) + PLACES_M * place if place else draw(near)
+    return Pose(x_m=x_m, y_m=draw(near), heading_rad=draw(st.none() | near))
+
+
+@st.composite
+def scenarios(draw: st.DrawFn) -> Scenario:
+    names = draw(st.lists(ids, min_size=1, max_size=4, unique=True))
+    robots = [
+        ScenarioRobot(
+            id=name,
+            start=draw(poses(place)),
+            goal=draw(poses(place)),
+            radius_m=draw(st.sampled_from([0.495, 0.4, 0.123456789012345])),
+            limits=draw(st.just(Limits()) | st.builds(Limits, speed_mps=positive, jerk_mps3=positive)),
+            sensing=draw(st.none() | st.just(Sensing()) | sensing),
+        )
+        for place, name in enumerate(names)
+    ]
+    return Scenario(
+        name=draw(
+            st.text(min_size=1, max_size=64) | st.sampled_from(["8", "1e3", "null", "<<", "=", "- a", "\x85"])
+        ),
+        robots=robots,
+        step_s=draw(st.floats(0.0, 10.0, exclude_min=True)),
+        area=Area(x_max_m=draw(st.floats(100.0, 1e6))),
+        horizons=Horizons(prediction_steps=draw(st.integers(2, 200))),
+        weights=draw(st.just(Weights()) | st.builds(Weights, heading=st.floats(0.0, 1e6))),
+        sensing=draw(sensing),
+    )
+
+
+@given(scenarios())
+def test_what_is_written_is_read_back_equal(scenario: Scenario) -> None:
+    read = parse_scenario(scenario_text(scenario), Path("written.yaml"))
+    assert read == scenario
+    assert repr(read) == repr(scenario)  # which tells −0 from 0; a heading can depend on it
+
+
+def test_a_file_is_written_as_the_bundled_ones_are_with_defaults_left_out() -> None:
+    path = find("4-crossing")
+    comment, _, rest = path.read_text(encoding="utf-8").partition("\n")
+    assert comment.startswith("#")
+    assert scenario_text(load_scenario(path)) == rest
+    text = """\
+name: hall 1
+area: {y_min_m: -3, y_max_m: 3}
+time_limit_s: 30
+sensing: {range_m: 5.5}
+robots:
+  - {id: 1, start: {x_m: -4, y_m: 0}, goal: {x_m: 4, y_m: 0.25, heading_rad: 1.57}, sensing: {}}
+  - {id: b, start: {x_m: 4, y_m: 0}, goal: {x_m: -4, y_m: 0}, radius_m: 0.4, limits: {speed_mps: 2}}
+"""
+    assert scenario_text(parse_scenario(text, Path("hall.yaml"))) == text
