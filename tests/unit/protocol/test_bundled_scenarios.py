@@ -12,19 +12,6 @@ from scenarios import bundled_scenarios, find
 SQUARE = [(x, y) for y in (4, 0, -4) for x in (-4, 0, 4) if (x, y) != (0, 0)]
 
 
-def straight_ways_touch(one: ScenarioRobot, other: ScenarioRobot) -> bool:
-    """Whether the lines from start to goal share a point, on a grid of a hundredth of each."""
-    return any(math.dist(a, b) < 0.1 for a in way(one) for b in way(other))
-
-
-def way(robot: ScenarioRobot) -> list[tuple[float, float]]:
-    start, goal = robot.start, robot.goal
-    return [
-        (start.x_m + part * (goal.x_m - start.x_m) / 100, start.y_m + part * (goal.y_m - start.y_m) / 100)
-        for part in range(101)
-    ]
-
-
 def test_the_bundled_scenarios_are_these() -> None:
     assert list(bundled_scenarios()) == ["2-crossing", "3-crossing", "4-crossing", "8a"]
 
@@ -44,11 +31,16 @@ def test_every_robot_crosses_the_square_from_border_to_border(name: str) -> None
 
 @pytest.mark.parametrize(("name", "number"), [("2-crossing", 2), ("3-crossing", 3), ("4-crossing", 4)])
 def test_in_a_crossing_every_way_meets_another(name: str, number: int) -> None:
-    robots = load_scenario(find(name)).robots
-    assert len(robots) == number
-    for one in robots:
-        met = [other.id for other in robots if other is not one and straight_ways_touch(one, other)]
-        assert met, f"nobody comes in the way of robot {one.id}"
+    ways = [on_the_way(robot) for robot in load_scenario(find(name)).robots]
+    assert len(ways) == number
+    for one in ways:
+        assert any(math.dist(a, b) < 0.1 for other in ways if other is not one for a in one for b in other)
+
+
+def on_the_way(robot: ScenarioRobot) -> list[tuple[float, float]]:
+    """Points of the line from start to goal, a hundredth of it apart."""
+    start, goal, parts = robot.start, robot.goal, [part / 100 for part in range(101)]
+    return [(start.x_m + p * (goal.x_m - start.x_m), start.y_m + p * (goal.y_m - start.y_m)) for p in parts]
 
 
 def test_8a_is_the_published_scenario() -> None:

@@ -2,145 +2,74 @@
 
 import math
 import tracemalloc
-from typing import Any, get_args
+from collections.abc import Iterable
+from functools import partial
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import msgpack
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import BaseModel, ValidationError
 
 from protocol.codec import MAX_ITEMS, MessageError, decode, encode
 from protocol.messages import (
     MAX_PAYLOAD_BYTES,
-    Accuracy,
     Command,
     Message,
     Mind,
     Observation,
     PublicScene,
-    Refusal,
-    State,
     Timings,
-    TrueRobot,
     Truth,
 )
-from protocol.scene import MAX_ROBOTS, Area, Goal, Horizons, PublicRobot, Scene, Weights
-from protocol.vehicle import Limits
+from protocol.scene import MAX_ROBOTS
 
 KINDS: list[type[Message]] = [Observation, Command, PublicScene, Truth, Mind]
 
-NAMES = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}", fullmatch=True)
-COORDINATES = st.floats(-1e6, 1e6)
-NOT_NEGATIVE = st.floats(0, 1e6)
-POSITIVE = st.floats(1e-6, 1e3)
-COUNTS = st.integers(0, 2**53)
-HEADER = {"epoch": st.integers(0, 2**63 - 1)}
 
-STATES = st.builds(State, x_m=COORDINATES, y_m=COORDINATES, heading_rad=COORDINATES, speed_mps=COORDINATES)
-ROBOTS = st.dictionaries(NAMES, STATES, max_size=5)
-SCENES = st.builds(
-    Scene,
-    step_s=st.floats(1e-3, 10),
-    area=st.builds(
-        Area,
-        x_min_m=st.floats(-1e6, 0),
-        x_max_m=st.floats(1e-3, 1e6),
-        y_min_m=st.floats(-1e6, 0),
-        y_max_m=st.floats(1e-3, 1e6),
-    ),
-    horizons=st.builds(Horizons, prediction_steps=st.integers(2, 200), estimation_steps=st.integers(2, 200)),
-    weights=st.builds(Weights, x=NOT_NEGATIVE, y=NOT_NEGATIVE, heading=NOT_NEGATIVE, speed=NOT_NEGATIVE),
-    arrival_tolerance=st.floats(1e-3, 10),
-    safety_margin_m=st.floats(0, 100),
-    robots=st.dictionaries(
-        NAMES,
-        st.builds(
-            PublicRobot,
-            radius_m=st.floats(1e-3, 100),
-            limits=st.builds(
-                Limits,
-                speed_mps=POSITIVE,
-                acceleration_mps2=POSITIVE,
-                turn_rate_radps=POSITIVE,
-                jerk_mps3=POSITIVE,
-                turn_acceleration_radps2=POSITIVE,
-            ),
-        ),
-        min_size=1,
-        max_size=4,
-    ),
-    goals=st.none()
-    | st.dictionaries(
-        NAMES, st.builds(Goal, x_m=COORDINATES, y_m=COORDINATES, heading_rad=COORDINATES), max_size=4
-    ),
-)
-PATHS = st.lists(st.tuples(COORDINATES, COORDINATES), max_size=5).map(tuple)
-MESSAGES = st.one_of(
-    st.builds(
-        Observation,
-        **HEADER,
-        step=COUNTS,
-        time_s=NOT_NEGATIVE,
-        robots=ROBOTS,
-        age_steps=COUNTS,
-        accuracy=st.builds(
-            Accuracy, position_m=NOT_NEGATIVE, heading_rad=NOT_NEGATIVE, speed_mps=NOT_NEGATIVE
-        ),
-    ),
-    st.builds(
-        Command,
-        **HEADER,
-        robot=NAMES,
-        step=COUNTS,
-        turn_rate_radps=COORDINATES,
-        acceleration_mps2=COORDINATES,
-        then=st.none() | st.tuples(COORDINATES, COORDINATES),
-    ),
-    st.builds(PublicScene, **HEADER, scene=SCENES),
-    st.builds(
-        Truth,
-        **HEADER,
-        step=COUNTS,
-        time_s=NOT_NEGATIVE,
-        robots=st.dictionaries(
-            NAMES,
-            st.builds(
-                TrueRobot,
-                state=STATES,
-                turn_rate_radps=COORDINATES,
-                acceleration_mps2=COORDINATES,
-                arrived_s=st.none() | NOT_NEGATIVE,
-                driven_m=NOT_NEGATIVE,
-                deadline_misses=COUNTS,
-                clipped_commands=COUNTS,
-            ),
-            max_size=4,
-        ),
-        minimum_distance_m=st.none() | NOT_NEGATIVE,
-        collisions=st.lists(st.tuples(NAMES, NAMES), max_size=4).map(tuple),
-        refused=st.dictionaries(
-            NAMES, st.dictionaries(st.sampled_from(get_args(Refusal)), COUNTS, max_size=3), max_size=3
-        ),
-        verdict=st.sampled_from([None, "arrived", "collision", "deadlock", "timeout", "interrupted"]),
-    ),
-    st.builds(
-        Mind,
-        **HEADER,
-        robot=NAMES,
-        step=COUNTS,
-        decision=COUNTS,
-        arrived=st.booleans(),
-        estimates=ROBOTS,
-        prediction=st.dictionaries(NAMES, PATHS, max_size=4),
-        plan=PATHS,
-        failed=st.sampled_from([(), ("predict",), ("plan",), ("predict", "plan")]),
-        solver_failures=COUNTS,
-        cut_short_at=st.none() | COUNTS,
-        timings_ms=st.builds(
-            Timings, estimate=NOT_NEGATIVE, predict=NOT_NEGATIVE, plan=NOT_NEGATIVE, decide=NOT_NEGATIVE
-        ),
-    ),
-)
+def anything(kind: Any, metadata: Iterable[Any] = ()) -> st.SearchStrategy[Any]:
+    """Every value that a type of the messages allows; collections only of a few items."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        return anything(inner[0], [part for each in inner[1:] for part in getattr(each, "metadata", (each,))])
+    if origin is Literal:
+        return st.sampled_from(inner)
+    if origin in (Union, UnionType):
+        return st.one_of(*map(anything, inner))
+    if origin is dict:
+        least = max((getattr(each, "min_length", 0) for each in metadata), default=0)
+        return st.dictionaries(*map(anything, inner), min_size=least, max_size=4)
+    if origin is tuple:
+        if inner[-1] is ...:
+            return st.lists(anything(inner[0]), max_size=2).map(tuple)
+        return st.tuples(*map(anything, inner))
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        fields = {name: anything(each.annotation, each.metadata) for name, each in kind.model_fields.items()}
+        return st.fixed_dictionaries(fields).map(partial(_made, kind)).filter(lambda made: made is not None)
+    return _scalar(kind, metadata)
+
+
+def _scalar(kind: Any, metadata: Iterable[Any]) -> st.SearchStrategy[Any]:
+    names = ("ge", "gt", "le", "lt", "pattern")
+    limits = {n: limit for each in metadata for n in names if (limit := getattr(each, n, None)) is not None}
+    low, high = limits.get("ge", limits.get("gt")), limits.get("le", limits.get("lt"))
+    if kind is float:
+        return st.floats(low, high, exclude_min="gt" in limits)
+    if kind is int:
+        return st.integers(low, high - ("lt" in limits))
+    return st.from_regex(limits["pattern"], fullmatch=True) if kind is str else st.from_type(kind)
+
+
+def _made(kind: type[BaseModel], fields: dict[str, Any]) -> BaseModel | None:
+    try:
+        return kind(**fields)
+    except ValidationError:  # an area that is empty
+        return None
+
+
+MESSAGES = st.one_of(*map(anything, KINDS))
 
 COMMAND: dict[str, Any] = {
     "schema_version": 1,

@@ -1,8 +1,8 @@
 """Keys of a device: what is read of good ones, and what is told of every kind of bad ones."""
 
 import re
-import shutil
 import ssl
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from protocol.keys import BENCH_NAME, WORLD_NAME, checked_name
 NOW = datetime(2026, 5, 1, 12, tzinfo=UTC)
 SECOND = timedelta(seconds=1)
 END = NOW + timedelta(days=DAYS)
+PEM_KINDS = (b"CERTIFICATE", b"PRIVATE KEY")
 FILES = ["authority.pem", "certificate.pem", "key.pem"]
 
 
@@ -50,34 +51,28 @@ def test_no_robot_can_have_the_name_of_the_world_or_the_bench(name: str) -> None
         checked_name(name)
 
 
-def test_a_missing_folder_is_told_with_what_is_expected_in_it(tmp_path: Path) -> None:
-    assert complaint(tmp_path / "none") == (
-        f"{tmp_path}/none: there is no such folder; the keys of this device are expected in it, as 'unspoken "
-        "keys create' makes them"
-    )
+@pytest.mark.parametrize("mode", [0o600, 0o400])
+def test_a_private_key_for_its_owner_alone_is_taken(folder: Path, mode: int) -> None:
+    (folder / "key.pem").chmod(mode)
+    assert load_device_keys(folder, NOW).name == "7"
 
 
-def test_a_path_that_leads_through_a_file_is_told(folder: Path) -> None:
-    assert complaint(folder / "key.pem" / "keys") == f"{folder}/key.pem/keys: cannot be read: Not a directory"
-
-
-@pytest.mark.parametrize("sign", [";", "?"])
-def test_a_path_that_zenoh_would_tear_apart_is_told(folder: Path, sign: str) -> None:
-    torn = folder.rename(folder.with_name(f"a{sign}b"))
-    assert complaint(torn).endswith(
-        f": Zenoh opens no keys at a path with '{sign}'; choose another name for the folder"
-    )
+def test_a_folder_that_cannot_be_used_is_told(folder: Path) -> None:
+    assert "there is no such folder" in complaint(folder / "none")
+    assert complaint(folder / "key.pem" / "keys").endswith("key.pem/keys: cannot be read: Not a directory")
+    for sign in ";?":
+        folder = folder.rename(folder.with_name(f"a{sign}b"))
+        assert f"Zenoh opens no keys at a path with '{sign}'" in complaint(folder)
 
 
 @pytest.mark.parametrize("file", FILES)
-def test_a_missing_file_is_named(folder: Path, file: str) -> None:
+def test_a_file_that_is_missing_unreadable_or_no_pem_is_named(folder: Path, file: str) -> None:
+    kind = "private key in PEM without password" if file == "key.pem" else "certificate in PEM"
+    for content in (b"", b"hello", b"\xff\0", *(b"-----BEGIN %s-----\n" % each for each in PEM_KINDS)):
+        (folder / file).write_bytes(content)
+        assert complaint(folder).startswith(f"{folder}/{file}: this is no {kind}; copy the folder here again")
     (folder / file).unlink()
     assert complaint(folder).startswith(f"{folder}/{file}: this file is missing; copy the folder here again")
-
-
-@pytest.mark.parametrize("file", FILES)
-def test_a_file_that_cannot_be_read_is_named_with_the_reason(folder: Path, file: str) -> None:
-    (folder / file).unlink()
     (folder / file).mkdir()
     assert complaint(folder) == f"{folder}/{file}: cannot be read: Is a directory"
 
@@ -88,104 +83,60 @@ def test_a_private_key_that_others_may_use_is_told_with_its_mode_and_the_remedy(
 ) -> None:
     moved = folder.rename(folder.with_name("my keys"))
     (moved / "key.pem").chmod(mode)
-    assert complaint(moved) == (
-        f"{moved}/key.pem: others may use this private key, its mode is {mode:04o}, 0600 is expected; "
-        f"run: chmod 600 '{moved}/key.pem'"
-    )
+    assert f"its mode is {mode:04o}, 0600 is expected; run: chmod 600 '{moved}/key.pem'" in complaint(moved)
 
 
-@pytest.mark.parametrize("mode", [0o600, 0o400])
-def test_a_private_key_for_its_owner_alone_is_taken(folder: Path, mode: int) -> None:
-    (folder / "key.pem").chmod(mode)
-    assert load_device_keys(folder, NOW).name == "7"
+def _locked(_folder: Path, _other: Path) -> bytes:
+    encryption = BestAvailableEncryption(b"secret")
+    return Ed25519PrivateKey.generate().private_bytes(Encoding.PEM, PrivateFormat.PKCS8, encryption)
 
 
-@pytest.mark.parametrize(
-    "content",
-    [b"", b"hello", b"\xff\x00", b"-----BEGIN CERTIFICATE-----\n", b"-----BEGIN PRIVATE KEY-----\n"],
-)
-@pytest.mark.parametrize("file", FILES)
-def test_a_file_that_is_no_pem_is_named(folder: Path, file: str, content: bytes) -> None:
-    (folder / file).write_bytes(content)
-    kind = "private key in PEM without password" if file == "key.pem" else "certificate in PEM"
-    assert complaint(folder).startswith(f"{folder}/{file}: this is no {kind}; copy")
+def _both(folder: Path, _other: Path) -> bytes:
+    return (folder / "certificate.pem").read_bytes() + (folder / "authority.pem").read_bytes()
 
 
-def test_a_private_key_in_the_place_of_a_certificate_is_told(folder: Path) -> None:
-    shutil.copy(folder / "key.pem", folder / "certificate.pem")
-    assert complaint(folder).startswith(f"{folder}/certificate.pem: this is no certificate in PEM;")
-
-
-def test_a_private_key_with_a_password_is_told(folder: Path) -> None:
-    locked = Ed25519PrivateKey.generate().private_bytes(
-        Encoding.PEM, PrivateFormat.PKCS8, BestAvailableEncryption(b"secret")
-    )
-    (folder / "key.pem").write_bytes(locked)
-    assert "this is no private key in PEM without password" in complaint(folder)
-
-
-def test_two_certificates_in_a_file_are_told(folder: Path) -> None:
-    both = (folder / "certificate.pem").read_bytes() + (folder / "authority.pem").read_bytes()
-    (folder / "authority.pem").write_bytes(both)
-    assert complaint(folder).startswith(f"{folder}/authority.pem: one certificate is expected, found 2;")
-
-
-def test_a_private_key_of_another_certificate_is_told(folder: Path, tmp_path: Path) -> None:
-    other = keys_of("8", tmp_path, new_authority(NOW), NOW)
-    shutil.copy(other / "key.pem", folder)
-    assert complaint(folder).startswith(
-        f"{folder}/key.pem: not the private key of the certificate beside it; copy the folder here again"
-    )
-
-
-def test_a_certificate_of_another_authority_is_told(folder: Path, tmp_path: Path) -> None:
-    other = keys_of("8", tmp_path, new_authority(NOW), NOW)
-    shutil.copy(other / "authority.pem", folder)
-    assert complaint(folder) == (
-        f"{folder}/certificate.pem: not signed by the authority in authority.pem beside it; the keys of all "
-        "devices must come from one 'unspoken keys create'; copy the folder here again"
-    )
-
-
-def test_an_authority_of_the_same_name_with_another_key_does_not_help(folder: Path, tmp_path: Path) -> None:
-    """The signature counts, not the name."""
-    forged = _with_the_name_of(folder / "authority.pem", NOW)
-    (folder / "authority.pem").write_bytes(forged)
-    assert "not signed by the authority" in complaint(folder)
-
-
-def _with_the_name_of(path: Path, now: datetime) -> bytes:
-    name, key = x509.load_pem_x509_certificate(path.read_bytes()).subject, generate_private_key(SECP256R1())
+def _with_the_same_name(folder: Path, _other: Path) -> bytes:
+    """Of another key: the signature counts, not the name."""
+    name = x509.load_pem_x509_certificate((folder / "authority.pem").read_bytes()).subject
+    key = generate_private_key(SECP256R1())
     builder = x509.CertificateBuilder(name, name, key.public_key(), x509.random_serial_number())
-    builder = builder.not_valid_before(now - SECOND).not_valid_after(now + timedelta(days=DAYS))
+    builder = builder.not_valid_before(NOW - SECOND).not_valid_after(END)
     return builder.sign(key, SHA256()).public_bytes(Encoding.PEM)
 
 
-def test_keys_of_tomorrow_are_told_with_the_clock(folder: Path) -> None:
-    early = NOW - timedelta(days=1)
-    assert load_device_keys(folder, early).expires == END
-    assert complaint(folder, early - SECOND) == (
-        f"{folder}/authority.pem: not valid before {date_text(early)}, and the clock here says "
-        f"{date_text(early - SECOND)}; set the clock"
-    )
+@pytest.mark.parametrize(
+    ("file", "content", "told"),
+    [
+        ("certificate.pem", lambda folder, _: (folder / "key.pem").read_bytes(), "no certificate in PEM"),
+        ("key.pem", _locked, "no private key in PEM without password"),
+        ("authority.pem", _both, "one certificate is expected, found 2"),
+        ("key.pem", lambda _, other: (other / "key.pem").read_bytes(), "not the private key of the"),
+        ("authority.pem", lambda _, other: (other / "authority.pem").read_bytes(), "not signed by the"),
+        ("authority.pem", _with_the_same_name, "not signed by the authority in authority.pem beside it"),
+    ],
+)
+def test_files_that_do_not_belong_together_are_told(
+    folder: Path, tmp_path: Path, file: str, content: Callable[[Path, Path], bytes], told: str
+) -> None:
+    other = keys_of("8", tmp_path, new_authority(NOW), NOW)
+    (folder / file).write_bytes(content(folder, other))
+    assert told in complaint(folder)
 
 
-def test_keys_are_good_to_their_last_second_and_then_told_as_expired(folder: Path) -> None:
-    assert load_device_keys(folder, END).expires == END
-    assert complaint(folder, END + SECOND) == (
-        f"{folder}/certificate.pem: expired on {date_text(END)}, and the clock here says "
-        f"{date_text(END + SECOND)}; if the clock is right, renew them with 'unspoken keys issue' where the "
-        "authority is kept, and copy the folder here again"
-    )
-
-
-def test_an_expired_authority_is_told_with_what_helps(folder: Path) -> None:
-    later = NOW + timedelta(days=10 * DAYS) + SECOND
-    assert re.match(
-        rf"{re.escape(str(folder))}/authority\.pem: expired on .*; if the clock is right, make new keys for "
-        r"everybody with 'unspoken keys create'$",
-        complaint(folder, later),
-    )
+def test_keys_are_good_from_their_first_to_their_last_second(folder: Path) -> None:
+    early, authority_end = NOW - timedelta(days=1), NOW + timedelta(days=10 * DAYS)
+    assert load_device_keys(folder, early).expires == load_device_keys(folder, END).expires == END
+    for now, file, words in (
+        (early - SECOND, "authority", f"not valid before {date_text(early)}, .*; set the clock"),
+        (
+            END + SECOND,
+            "certificate",
+            f"expired on {date_text(END)}, .* renew them with",
+        ),
+        (authority_end + SECOND, "authority", "expired on .*, make new keys for everybody with"),
+    ):
+        assert re.match(rf"{re.escape(str(folder))}/{file}\.pem: {words}", complaint(folder, now))
+        assert f"the clock here says {date_text(now)}" in complaint(folder, now)
 
 
 @pytest.mark.parametrize(
@@ -195,11 +146,9 @@ def test_a_near_end_is_warned_of(folder: Path, left: timedelta, warned: bool) ->
     now = END - left
     keys = load_device_keys(folder, now)
     assert keys.expire_soon(now) is warned
-    expected = (
-        f"{folder}: these keys expire on {date_text(END)}; renew them with 'unspoken keys issue' where the "
-        "authority is kept, and copy the folder here again"
-    )
-    assert keys.warning(now) == (expected if warned else "")
+    expected = f"{folder}: these keys expire on {date_text(END)}; renew them with 'unspoken keys issue'"
+    assert keys.warning(now).startswith(expected) is warned
+    assert bool(keys.warning(now)) is warned
 
 
 @pytest.mark.parametrize(
@@ -212,14 +161,11 @@ def test_a_near_end_is_warned_of(folder: Path, left: timedelta, warned: bool) ->
 )
 def test_the_keys_of_somebody_else_are_told(folder: Path, expected: str, words: str) -> None:
     keys = load_device_keys(folder, NOW)
+    check_name(keys, "7")
     with pytest.raises(
         Refusal, match=f"^{re.escape(str(folder))}: these are the keys of robot 7, {words}; copy"
     ):
         check_name(keys, expected)
-
-
-def test_the_devices_own_keys_pass(folder: Path) -> None:
-    check_name(load_device_keys(folder, NOW), "7")
 
 
 @pytest.fixture(scope="module")

@@ -15,24 +15,9 @@ ALL_KEYS = {
     "scene for a": KEYS.scene_for("a"),
     "truth": KEYS.truth,
 }
-WRONG_NAMES = [
-    "",
-    "a/b",
-    "/a",
-    "*",
-    "**",
-    "a*",
-    "a$*",
-    "a?",
-    "#a",
-    "@a",
-    "a b",
-    "a\n",
-    "-a",
-    "_a",
-    "ä",
-    "a" * 33,
-]
+OF_ROBOTS = ("pose", "command", "alive", "mind")
+WRONG_CHUNKS = ["a/b", "/a", "*", "**", "a*", "a$*", "a?", "#a", "@a", "-a", "_a", "ä"]
+WRONG_NAMES = ["", "a b", "a\n", "a" * 33, *WRONG_CHUNKS]
 
 
 def test_the_keys_are_these() -> None:
@@ -49,15 +34,12 @@ def test_the_keys_are_these() -> None:
     assert KEYS.everything == "unspoken/run-1/**"
 
 
-@pytest.mark.parametrize("kind", ALL_KEYS)
-def test_a_key_tells_its_kind(kind: str) -> None:
-    assert KEYS.kind_of(ALL_KEYS[kind]) == kind.removesuffix(" for a")
-
-
-@pytest.mark.parametrize("kind", ["pose", "command", "alive", "mind", "scene_for"])
 @pytest.mark.parametrize("robot", ["a", "7", "Robot_2-b", "x" * 32])
-def test_a_robots_key_tells_the_robot(kind: str, robot: str) -> None:
-    assert KEYS.robot_of(getattr(KEYS, kind)(robot)) == robot
+def test_a_key_tells_its_kind_and_its_robot(robot: str) -> None:
+    assert {KEYS.kind_of(key) for key in ALL_KEYS.values()} == {*OF_ROBOTS, "scene", "truth"}
+    for kind in (*OF_ROBOTS, "scene_for"):
+        key = getattr(KEYS, kind)(robot)
+        assert (KEYS.kind_of(key), KEYS.robot_of(key)) == (kind.removesuffix("_for"), robot)
 
 
 def reached(subscription: str) -> set[str]:
@@ -65,11 +47,8 @@ def reached(subscription: str) -> set[str]:
     other_run = Keys("run-2")
     candidates = {
         **ALL_KEYS,
-        **{f"{kind} of b": getattr(KEYS, kind)("b") for kind in ("pose", "command", "alive", "mind")},
-        **{
-            f"{kind} elsewhere": getattr(other_run, kind)("a")
-            for kind in ("pose", "command", "alive", "mind")
-        },
+        **{f"{kind} of b": getattr(KEYS, kind)("b") for kind in OF_ROBOTS},
+        **{f"{kind} elsewhere": getattr(other_run, kind)("a") for kind in OF_ROBOTS},
         "scene elsewhere": other_run.scene,
         "truth elsewhere": other_run.truth,
     }
@@ -78,17 +57,10 @@ def reached(subscription: str) -> set[str]:
     }
 
 
-def test_the_worlds_subscription_reaches_the_presence_of_each_robot_and_nothing_else() -> None:
+def test_each_subscription_reaches_what_it_is_for_and_nothing_else() -> None:
     assert reached(KEYS.everyone_alive) == {"alive", "alive of b"}
-
-
-def test_a_robots_subscription_reaches_its_own_poses_only() -> None:
     assert reached(KEYS.pose("a")) == {"pose"}
-
-
-def test_the_recorder_is_reached_by_everything_of_its_run() -> None:
-    of_b = {f"{kind} of b" for kind in ("pose", "command", "alive", "mind")}
-    assert reached(KEYS.everything) == set(ALL_KEYS) | of_b
+    assert reached(KEYS.everything) == {*ALL_KEYS, *(f"{kind} of b" for kind in OF_ROBOTS)}
 
 
 @pytest.mark.parametrize("wrong", WRONG_NAMES)
