@@ -4,15 +4,14 @@ import re
 import socket
 import ssl
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, suppress
 
 import zenoh
 
 from agent.check.findings import Finding
 from agent.process.options import RobotOptions
 from agent.process.robot import agent_in, ask_for_scene, make_agent
-from chassis.refusal import Refusal
+from chassis.refusal import Refusal, said_by
 from protocol.codec import MessageError
 from protocol.device_keys import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, DeviceKeys
 from protocol.identity import Identity
@@ -33,6 +32,16 @@ PAUSE_S = 0.1
 """Between two questions."""
 _SOCKET = "unixsock-stream/"
 _ADDRESS = re.compile(r"^(?:tcp|tls)/(?P<host>\[[^\]]+\]|[^:\[\]]+):(?P<port>\d{1,5})$")
+_UNREACHED: tuple[tuple[type[OSError], str], ...] = (
+    (socket.gaierror, "this device knows no host of that name; give the world's address in --connect"),
+    (ConnectionRefusedError, "nobody listens there; start the world, or give its endpoint in --connect"),
+    (FileNotFoundError, "nobody listens there; start the world, or give its endpoint in --connect"),
+    (
+        TimeoutError,
+        f"no answer within {LISTENS_S:g} s; look at the network, at firewalls, and whether this is the "
+        "world's address",
+    ),
+)
 
 
 def look_at(endpoint: str, keys: DeviceKeys | None) -> None:
@@ -48,84 +57,58 @@ def look_at(endpoint: str, keys: DeviceKeys | None) -> None:
         Refusal: nobody listens, or one side does not believe the other's certificate.
     """
     plain = re.split("[?#]", endpoint)[0]
-    if plain.startswith(_SOCKET):
-        with _connected(plain.removeprefix(_SOCKET), endpoint):
-            return
-    address = _ADDRESS.match(plain)
-    if address is None:
-        return
-    host = address["host"].strip("[]")
-    with _connected((host, int(address["port"])), endpoint) as connection:
-        if keys is not None:
-            _shake_hands(connection, host, keys, endpoint)
+    with said_by(endpoint):
+        if plain.startswith(_SOCKET):
+            _connection(plain.removeprefix(_SOCKET)).close()
+        elif address := _ADDRESS.match(plain):
+            host = address["host"].strip("[]")
+            with _connection((host, int(address["port"]))) as connection:
+                if keys is not None:
+                    _shake_hands(connection, host, keys)
 
 
-@contextmanager
-def _connected(address: tuple[str, int] | str, endpoint: str) -> Iterator[socket.socket]:
-    """A connection to a host and port, or to a socket in the file system."""
+def _connection(address: tuple[str, int] | str) -> socket.socket:
+    """To a host and port, or to a socket in the file system."""
     try:
-        connection = _connect(address)
-    except socket.gaierror:
-        raise Refusal(
-            f"{endpoint}: this device knows no host of that name; give the world's address in --connect"
-        ) from None
-    except (ConnectionRefusedError, FileNotFoundError):
-        raise Refusal(
-            f"{endpoint}: nobody listens there; start the world, or give its endpoint in --connect"
-        ) from None
-    except TimeoutError:
-        raise Refusal(
-            f"{endpoint}: no answer within {LISTENS_S:g} s; look at the network, at firewalls, and whether "
-            "this is the world's address"
-        ) from None
+        if isinstance(address, tuple):
+            return socket.create_connection(address, LISTENS_S)
+        with ExitStack() as stack:
+            connection = stack.enter_context(socket.socket(socket.AF_UNIX))
+            connection.settimeout(LISTENS_S)
+            connection.connect(address)
+            stack.pop_all()
+            return connection
     except (OSError, OverflowError) as error:
+        for kind, sentence in _UNREACHED:
+            if isinstance(error, kind):
+                raise Refusal(sentence) from None
         reason = getattr(error, "strerror", None) or str(error)
-        raise Refusal(f"{endpoint}: cannot be reached: {reason}; look at the network") from None
-    with connection:
-        yield connection
+        raise Refusal(f"cannot be reached: {reason}; look at the network") from None
 
 
-def _connect(address: tuple[str, int] | str) -> socket.socket:
-    if isinstance(address, tuple):
-        return socket.create_connection(address, LISTENS_S)
-    with ExitStack() as stack:
-        connection = stack.enter_context(socket.socket(socket.AF_UNIX))
-        connection.settimeout(LISTENS_S)
-        connection.connect(address)
-        stack.pop_all()
-        return connection
-
-
-def _shake_hands(connection: socket.socket, host: str, keys: DeviceKeys, endpoint: str) -> None:
+def _shake_hands(connection: socket.socket, host: str, keys: DeviceKeys) -> None:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.load_verify_locations(keys.folder / AUTHORITY_FILE)
     context.load_cert_chain(keys.folder / CERTIFICATE_FILE, keys.folder / KEY_FILE)
     try:
         with context.wrap_socket(connection, server_hostname=host) as encrypted:
             encrypted.settimeout(REFUSED_S)
-            _await_refusal(encrypted)
+            # In TLS 1.3 the other side judges our certificate after the handshake; silence is consent.
+            with suppress(TimeoutError):
+                if not encrypted.recv(1):
+                    raise EOFError
     except ssl.SSLCertVerificationError as error:
         raise Refusal(
-            f"{endpoint}: TLS refused here: the certificate of whoever listens there is not believed: "
+            "TLS refused here: the certificate of whoever listens there is not believed: "
             f"{error.verify_message}; it needs one by the same authority that names this host: see 'unspoken "
             "keys create --host'"
         ) from None
     except (OSError, EOFError) as error:  # ssl.SSLError is an OSError
         reason = getattr(error, "reason", None) or getattr(error, "strerror", None) or "it hung up"
         raise Refusal(
-            f"{endpoint}: TLS refused there: {reason}; the world must listen at tls/… with keys by the same "
-            "authority as those of this device"
+            f"TLS refused there: {reason}; the world must listen at tls/… with keys by the same authority as "
+            "those of this device"
         ) from None
-
-
-def _await_refusal(encrypted: ssl.SSLSocket) -> None:
-    """In TLS 1.3 the other side judges our certificate after the handshake; silence is consent."""
-    try:
-        said = encrypted.recv(1)
-    except TimeoutError:
-        return
-    if not said:
-        raise EOFError
 
 
 def check_world(options: RobotOptions, identity: Identity, *, proven: bool) -> tuple[Finding, Scene | None]:
@@ -169,13 +152,8 @@ def _session(options: RobotOptions, identity: Identity) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError:
-        proof = (
-            "the password"
-            if options.password_file
-            else "the certificate"
-            if options.keys
-            else "no credentials"
-        )
+        proofs = {"the password": options.password_file, "the certificate": options.keys}
+        proof = next((name for name, path in proofs.items() if path), "no credentials")
         raise Refusal(
             f"somebody listens at {options.connect} and does not let robot {options.robot} in with {proof}: "
             "refused, or that is no world; compare them with what the world was given"

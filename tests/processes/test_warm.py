@@ -1,6 +1,5 @@
-"""Everything is compiled before a robot starts, once on a machine, and nothing afterwards."""
+"""Compiling in processes of their own, where no other test has compiled: once on a machine, and enough."""
 
-import ast
 import errno
 import fcntl
 import json
@@ -9,29 +8,14 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import get_args
 
 import pytest
+from process_helpers import PATIENCE_S, until
 
 from agent.estimate import GoalsName
-from agent.process.warm import compile_in_background, warm_up
-from agent.solve import compiled
-from agent.solve.compiled import (
-    FOLDER,
-    chosen_folder,
-    forbid_compiling,
-    is_complete,
-    is_writable,
-    kernel,
-    places,
-    sources,
-)
-from chassis.refusal import Refusal
-
-PATIENCE_S = 120.0
-"""How long a test waits for what should come; only reached when it fails."""
+from agent.solve.compiled import FOLDER
 
 COUNT = """
 def compiled_so_far():
@@ -126,24 +110,6 @@ print(json.dumps(sorted(used() - most)))
     assert answer_of(run) == []
 
 
-def test_where_compiling_is_forbidden_a_call_with_other_types_raises(monkeypatch):
-    monkeypatch.setattr(compiled, "_kernels", [])
-
-    @kernel
-    def doubled(values):
-        return 2.0 * values
-
-    @kernel
-    def never_called(values):
-        return values
-
-    assert doubled(1.5) == 3.0
-    forbid_compiling()
-    assert doubled(2.5) == 5.0
-    with pytest.raises(TypeError, match="No matching definition"):
-        doubled("text")
-
-
 def test_a_robot_with_the_real_time_solver_loads_neither_the_reference_solver_nor_the_bench():
     run = """
 import json, sys
@@ -153,64 +119,6 @@ warm_up("ioc", "realtime")
 print(json.dumps(sorted({"casadi", "matplotlib", "mcap", "world", "fleet", "scenarios"} & set(sys.modules))))
 """
     assert answer_of(run) == []
-
-
-def constants_in_kernels():
-    """Names that kernels use and the modules that they are imported from."""
-    for path in sources():
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        origin = {
-            alias.asname or alias.name: node.module
-            for node in tree.body
-            if isinstance(node, ast.ImportFrom)
-            for alias in node.names
-        }
-        for function in tree.body:
-            if isinstance(function, ast.FunctionDef) and "kernel" in map(
-                ast.unparse, function.decorator_list
-            ):
-                for each in (leaf for line in function.body for leaf in ast.walk(line)):
-                    if isinstance(each, ast.Name) and each.id in origin:
-                        yield each.id, origin[each.id]
-
-
-def test_compiled_code_is_made_of_nothing_but_the_sources_that_name_its_folder():
-    """Otherwise an old form would be loaded after a change."""
-    used = set(constants_in_kernels())
-    assert ("FIRST_FREE_STAGE", "agent.solve.problem") in used
-    package = Path(compiled.__file__).parent
-    watched = {".".join(("agent", *path.relative_to(package).with_suffix("").parts)) for path in sources()}
-    assert {module for _, module in used} <= watched
-
-
-def test_a_complete_folder_is_preferred_then_one_that_can_be_written(tmp_path):
-    (tmp_path / "file").touch()
-    closed, first, second = tmp_path / "file" / "cache", tmp_path / "first", tmp_path / "second"
-    assert chosen_folder([closed, first, second], "k") == first / "k"
-    (second / "k").mkdir(parents=True)
-    (second / "k" / "complete").touch()
-    assert chosen_folder([closed, first, second], "k") == second / "k"
-    assert chosen_folder([closed], "k") == closed / "k"
-
-
-def test_a_folder_can_be_written_if_it_could_be_made(tmp_path):
-    (tmp_path / "file").touch()
-    assert is_writable(tmp_path / "a" / "b")
-    assert not is_writable(tmp_path / "file" / "b")
-    assert not is_writable(tmp_path / "file")
-
-
-def test_kernels_are_kept_beside_the_package_or_with_the_user_unless_the_user_says_where(
-    monkeypatch, tmp_path
-):
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert places() == [Path(compiled.__file__).parent / "__pycache__", tmp_path / "unspoken"]
-    monkeypatch.delenv("XDG_CACHE_HOME")
-    monkeypatch.setenv("HOME", "/home/somebody")
-    assert places()[1] == Path("/home/somebody/.cache/unspoken")
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "mine")
-    assert places() == [Path.cwd() / "mine"]
 
 
 def test_without_a_place_to_write_the_message_says_what_was_found_and_what_to_do(tmp_path):
@@ -224,14 +132,6 @@ def test_without_a_place_to_write_the_message_says_what_was_found_and_what_to_do
     assert (refused.returncode, refused.stdout) == (1, "")
     assert f"{tmp_path}/file/cache cannot be written; set NUMBA_CACHE_DIR to" in refused.stderr
     assert len(refused.stderr.splitlines()) == 1
-
-
-def test_whoever_waits_is_told_why_compiling_failed(tmp_path, monkeypatch):
-    (tmp_path / "file").touch()
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "cache"))
-    monkeypatch.setattr(compiled, "FOLDER", tmp_path)
-    with pytest.raises(Refusal, match=r"file/cache cannot be written; set NUMBA_CACHE_DIR"):
-        compile_in_background(unwanted=lambda: False)
 
 
 def test_a_complete_folder_is_used_even_where_nothing_can_be_written(tmp_path):
@@ -251,37 +151,6 @@ print(json.dumps([str(FOLDER.parent), compiled_so_far()]))
 """
     )
     assert answer_of(run, NUMBA_CACHE_DIR=str(tmp_path)) == [str(tmp_path), 0]
-
-
-class Children:
-    """Notes the processes that are started."""
-
-    def __init__(self, monkeypatch):
-        self.started = []
-        original = subprocess.Popen
-
-        def popen(*arguments, **options):
-            self.started.append(original(*arguments, **options))
-            return self.started[-1]
-
-        monkeypatch.setattr(subprocess, "Popen", popen)
-
-
-def test_where_all_is_compiled_no_process_is_started(monkeypatch):
-    assert is_complete()
-    children = Children(monkeypatch)
-    assert compile_in_background(unwanted=lambda: True)
-    assert children.started == []
-
-
-def test_compiling_that_is_no_longer_wanted_is_ended(tmp_path, monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(compiled, "FOLDER", tmp_path / "nothing")
-    children = Children(monkeypatch)
-    assert not compile_in_background(unwanted=lambda: any(tmp_path.glob("kernels-*/lock")))
-    [child] = children.started
-    assert child.returncode is not None
-    assert not any(tmp_path.glob("kernels-*/complete"))
 
 
 def waits_for_a_lock(process):
@@ -306,10 +175,7 @@ agent.process.warm.main()
         fcntl.flock(lock, fcntl.LOCK_EX)
         both = [subprocess.Popen([sys.executable, "-c", run], env=environment) for _ in range(2)]
         try:
-            give_up_s = time.monotonic() + PATIENCE_S
-            while not all(map(waits_for_a_lock, both)):
-                assert time.monotonic() < give_up_s
-                time.sleep(0.01)
+            until(lambda: all(map(waits_for_a_lock, both)), "both wait for the lock")
             fcntl.flock(lock, fcntl.LOCK_UN)
             assert [process.wait(PATIENCE_S) for process in both] == [0, 0]
         finally:
@@ -332,8 +198,3 @@ def test_two_warm_ups_from_nothing_at_the_same_time_leave_all_kernels_on_disk(tm
         COUNT + "from agent.process.warm import warm_up; warm_up('ioc', 'realtime'); print(compiled_so_far())"
     )
     assert answer_of(run, NUMBA_CACHE_DIR=str(tmp_path)) == 0
-
-
-def test_the_warm_up_says_how_long_it_took():
-    begin_s = time.perf_counter()
-    assert 0.0 < warm_up("ioc", "realtime") <= time.perf_counter() - begin_s
