@@ -150,10 +150,9 @@ def _made_plain_map(node: yaml.MappingNode, done: set[yaml.Node]) -> Iterator[Pr
                         merged |= {each.value: (each, value) for each, value in source.value}
                     else:
                         yield _line(source), "'<<' merges maps, found something else"
-            key.tag = _TEXT
-    if merged:
-        del own["<<"]
-    node.value = list((merged | own).values())
+            else:
+                key.tag = _TEXT
+    node.value = [pair for pair in (merged | own).values() if pair[0].tag == _TEXT]
 
 
 def _located(root: yaml.Node | None, model: type[BaseModel], errors: list[ErrorDetails]) -> Iterator[Problem]:

@@ -268,14 +268,15 @@ robots:
   - {id: 1, start: {x_m: -4, y_m: 0}, goal: {x_m: 4, y_m: 0}, limits: &slow {speed_mps: 1, jerk_mps3: 2}}
   - {id: 2, start: {x_m: 0, y_m: -4}, goal: {x_m: 0, y_m: 4}, limits: *slow}
   - {id: 3, start: {x_m: 4, y_m: 4}, goal: {x_m: -4, y_m: -4}, limits: {speed_mps: 3, <<: *slow}}
-  - {id: 4, start: {x_m: 4, y_m: -4}, goal: {x_m: -4, y_m: 4}, limits: {<<: [{speed_mps: 4}, *slow]}}
+  - {id: 4, start: {x_m: 4, y_m: -4}, goal: {x_m: -4, y_m: 4}, limits: {<<: [{speed_mps: 4}, *slow, {}]}}
+  - {id: 5, start: {x_m: 0, y_m: 4}, goal: {x_m: 0, y_m: -4}, limits: {<<: {}}}
 """
 
 
 def test_aliases_and_merge_keys_mean_what_yaml_says(load: Load) -> None:
     limits = [robot.limits for robot in load(ALIASES).robots]
-    assert [limit.speed_mps for limit in limits] == [1, 1, 3, 4]
-    assert [limit.jerk_mps3 for limit in limits] == [2, 2, 2, 2]
+    assert [limit.speed_mps for limit in limits] == [1, 1, 3, 4, 4.5]
+    assert [limit.jerk_mps3 for limit in limits] == [2, 2, 2, 2, 7]
 
 
 def test_a_mistake_behind_an_alias_is_told_where_it_is_written(load: Load) -> None:
