@@ -9,7 +9,7 @@ from pydantic import Field
 
 from fleet.audit.difference import Difference, Part
 from fleet.audit.recorded import RecordedRun
-from fleet.audit.replay import RobotReplay, Tally, WorldReplay, replay_world
+from fleet.audit.replay import RobotReplay, Tally, WorldReplay
 from fleet.record.report_file import Record
 from fleet.run.experiment import RunFacts
 from protocol.messages import Verdict
@@ -68,7 +68,7 @@ class Audit:
 
     def __init__(self, run: RecordedRun) -> None:
         self._run = run
-        self._world = WorldReplay({})
+        self._world = WorldReplay()
         self._robots: list[RobotAudit] = []
         self._differences: list[Difference] = []
         self._complete = False
@@ -86,7 +86,7 @@ class Audit:
         if scene_difference is not None:
             self._differences.append(scene_difference)
         else:
-            self._world = replay_world(self._run)
+            self._world.repeat(self._run)
             self._differences += self._world.differences
             for robot in self._run.robots:
                 self._robots.append(self._audited(robot, watch))

@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from chassis.refusal import Refusal
 from fleet.audit.difference import Difference, Part, compared
@@ -18,13 +18,8 @@ from protocol.scenario import Scenario, parse_scenario
 RECORDING_NAME = "run.mcap"
 
 
-class _OfAStep(Protocol):
-    @property
-    def step(self) -> int: ...
-
-
 Kind = TypeVar("Kind", bound=Message)
-OfAStep = TypeVar("OfAStep", bound=_OfAStep)
+Stepped = TypeVar("Stepped", Observation, Command)
 
 
 @dataclass(frozen=True)
@@ -136,9 +131,9 @@ def _faults(number: int) -> str:
     return "a fault was part" if number == 1 else f"{number} faults were part"
 
 
-def by_step(messages: Iterable[OfAStep]) -> dict[int, list[OfAStep]]:
+def by_step(messages: Iterable[Stepped]) -> dict[int, list[Stepped]]:
     """Messages by their step, each step's in their order."""
-    sorted_out: defaultdict[int, list[OfAStep]] = defaultdict(list)
+    sorted_out: defaultdict[int, list[Stepped]] = defaultdict(list)
     for message in messages:
         sorted_out[message.step].append(message)
     return dict(sorted_out)

@@ -1,20 +1,26 @@
 """A recorded run repeated: the world from its commands, and each robot from its own observations."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 from agent.agent import Agent, Decision
 from agent.solve.deadline import Clock, Deadline
-from fleet.audit.difference import Difference, Part, compared
+from fleet.audit.difference import Difference, compared
 from fleet.audit.recorded import RecordedRun, too_many
 from fleet.run.listening import obeyed
 from fleet.run.virtual import agent_of
-from protocol.messages import Command, Mind, Observation, Truth, Verdict
+from protocol.messages import Command, Message, Mind, Observation, Truth, Verdict
 from world.world import World
 
 NOT_OF_THE_WORLD = frozenset({"refused"})
-"""What a truth tells of messages that were no commands; it depends on more than the recorded ones."""
+"""Part of a truth that counts messages that were no commands; it depends on more than the recorded ones."""
+MEASURED = frozenset({"timings_ms"})
+"""What no repetition gives again: it is measured with a clock."""
+
+Commands = Mapping[str, Mapping[int, Sequence[Command]]]
+"""By robot and step, in their order."""
+BeforeDeciding = Callable[[Agent, Observation], None]
 
 
 @dataclass
@@ -27,9 +33,13 @@ class Tally:
 
 @dataclass
 class WorldReplay:
-    """What came of it."""
+    """The world of a run with one scene, driven by the recorded commands that the recorded one obeyed.
 
-    observations: Mapping[str, Tally]
+    Which these are shows in the truths: a robot whose command did not come in time has missed a deadline.
+    What was recorded after the last truth is left out, since nothing says what the world did then.
+    """
+
+    observations: dict[str, Tally] = field(default_factory=dict)
     """By robot."""
     truths: Tally = field(default_factory=Tally)
     last_step: int | None = None
@@ -38,113 +48,85 @@ class WorldReplay:
     """As recorded; None for a recording that ends before."""
     differences: list[Difference] = field(default_factory=list)
 
-
-def replay_world(run: RecordedRun) -> WorldReplay:
-    """Repeat the world of a run with one scene, from its seed and the commands that the recorded one obeyed.
-
-    Which these are shows in the truths: a robot whose command did not come in time has missed a deadline.
-    What was recorded after the last truth is left out, since nothing tells what the world did then.
-    """
-    return _Repetition(run).made()
-
-
-class _Repetition:
-    def __init__(self, run: RecordedRun) -> None:
+    def repeat(self, run: RecordedRun) -> None:
+        """Repeat the world from its seed, and compare what it says with what is recorded."""
         [scene] = run.scenes()
-        self._truths = run.truths()
-        self._world = World(run.scenario, seed=run.facts.seed, epoch=scene.epoch)
-        self._commands = {robot: run.commands(robot) for robot in run.robots}
-        self._observations = {robot: run.observations(robot) for robot in run.robots}
-        self._shown: set[int] = set()
-        self._result = WorldReplay(
-            {robot: Tally(sum(map(len, self._observations[robot].values()))) for robot in run.robots}
-        )
-
-    def made(self) -> WorldReplay:
-        result = self._result
-        result.truths.recorded = len(self._truths)
-        if not self._truths:
+        truths = run.truths()
+        world = World(run.scenario, seed=run.facts.seed, epoch=scene.epoch)
+        commands = {robot: run.commands(robot) for robot in run.robots}
+        observations = {robot: run.observations(robot) for robot in run.robots}
+        self.observations = {robot: Tally(_count(steps)) for robot, steps in observations.items()}
+        self.truths.recorded = len(truths)
+        shown: set[int] = set()
+        if not truths:
             self._differ(Difference(part="truth", step=0, recorded=None, repeated="the start"))
         before = None
-        for truth in self._truths:
-            if not self._reaches(before, truth):
-                return result
-            self._compare_truth(truth)
+        for truth in truths:
+            if not self._reaches(world, before, truth, commands):
+                return
+            difference = compared("truth", truth, world.truth(), without=NOT_OF_THE_WORLD)
+            self.truths.identical += difference is None
+            self._differ(difference)
             if truth.verdict is None:
-                self._compare_observations(truth.step)
-            result.last_step, result.verdict = truth.step, truth.verdict
+                shown.add(truth.step)
+                self._compare_observations(world, truth.step, observations)
+            self.last_step, self.verdict = truth.step, truth.verdict
             before = truth
-        self._find_surplus()
-        return result
+        for robot, steps in observations.items():
+            # Without a verdict, the beginning of one more step may be recorded.
+            judged = {step: steps[step] for step in steps if self.verdict is not None or step in shown}
+            self.observations[robot].recorded = _count(judged)
+            self.differences += too_many("observation", robot, judged, shown)
 
-    def _reaches(self, before: Truth | None, truth: Truth) -> bool:
+    def _reaches(self, world: World, before: Truth | None, truth: Truth, commands: Commands) -> bool:
         """Bring the world to the step of a truth; whether that was possible."""
         present, due = (0, 0) if before is None else (before.step, before.step + 1)
         if truth.verdict == "interrupted" and truth.step == present:
-            self._world.interrupt()
-        elif self._world.over:
+            world.interrupt()
+        elif world.over:
             self._differ(Difference(part="truth", step=truth.step, recorded="a further step", repeated=None))
             return False
         elif truth.step != due:
-            told = {"recorded": str(truth.step), "repeated": str(due)}
-            self._differ(Difference(part="truth", step=due, field="step", **told))
+            steps = {"recorded": str(truth.step), "repeated": str(due)}
+            self._differ(Difference(part="truth", step=due, field="step", **steps))
             return False
         elif before is not None:
-            self._world.advance(self._obeyed(before, truth))
+            world.advance(self._obeyed(world, before, truth, commands))
         return True
 
-    def _obeyed(self, before: Truth, after: Truth) -> dict[str, Command]:
+    def _obeyed(self, world: World, before: Truth, after: Truth, commands: Commands) -> dict[str, Command]:
         """The commands that led from one truth to the next: of each robot the first valid one."""
-        commands = {}
+        found = {}
         for robot, step in obeyed(before, after).items():
-            given = self._commands.get(robot, {}).get(step, [])
-            valid = [command for command in given if self._world.refusal(robot, command) is None]
+            several = commands.get(robot, {}).get(step, [])
+            valid = [command for command in several if world.refusal(robot, command) is None]
             if valid:
-                commands[robot] = valid[0]
+                found[robot] = valid[0]
             else:
                 what = "one that the world obeyed"
                 self._differ(Difference(part="command", robot=robot, step=step, recorded=None, repeated=what))
-        return commands
+        return found
 
-    def _compare_truth(self, truth: Truth) -> None:
-        difference = compared("truth", truth, self._world.truth(), without=NOT_OF_THE_WORLD)
-        self._result.truths.identical += difference is None
-        self._differ(difference)
-
-    def _compare_observations(self, step: int) -> None:
-        self._shown.add(step)
-        for robot, repeated in self._world.observations().items():
-            tally, recorded = self._result.observations[robot], self._observations[robot].get(step)
+    def _compare_observations(
+        self, world: World, step: int, observations: Mapping[str, Mapping[int, Sequence[Observation]]]
+    ) -> None:
+        for robot, repeated in world.observations().items():
+            recorded = observations[robot].get(step)
             if recorded is None:
-                told = repeated.model_dump_json()
-                self._differ(
-                    Difference(part="observation", robot=robot, step=step, recorded=None, repeated=told)
-                )
-                continue
-            difference = compared("observation", recorded[0], repeated, robot=robot)
-            tally.identical += difference is None
-            self._differ(difference)
-
-    def _find_surplus(self) -> None:
-        """What the world has not shown. Without a verdict, the beginning of one more step may be recorded."""
-        for robot, observations in self._observations.items():
-            judged = {
-                step: several
-                for step, several in observations.items()
-                if self._result.verdict is not None or step in self._shown
-            }
-            self._result.observations[robot].recorded = sum(map(len, judged.values()))
-            self._result.differences += too_many("observation", robot, judged, self._shown)
+                given = {"recorded": None, "repeated": repeated.model_dump_json()}
+                self._differ(Difference(part="observation", robot=robot, step=step, **given))
+            else:
+                difference = compared("observation", recorded[0], repeated, robot=robot)
+                self.observations[robot].identical += difference is None
+                self._differ(difference)
 
     def _differ(self, difference: Difference | None) -> None:
         if difference is not None:
-            self._result.differences.append(difference)
+            self.differences.append(difference)
 
 
-MEASURED = frozenset({"timings_ms"})
-"""What no repetition gives again: it is measured with a clock."""
-
-BeforeDeciding = Callable[[Agent, Observation], None]
+def _count(by_step: Mapping[int, Sequence[Message]]) -> int:
+    return sum(map(len, by_step.values()))
 
 
 @dataclass(frozen=True)
@@ -249,11 +231,9 @@ class RobotReplay:
         )
 
     def _unrepeated(self, mind: Mind, command: Command | None, why: str) -> Turn:
-        parts: tuple[Part, Part] = ("mind", "command")
-        mind_difference, command_difference = (
-            Difference(part=part, robot=self.robot, step=mind.step, recorded="a decision", repeated=why)
-            for part in parts
-        )
+        place = {"robot": self.robot, "step": mind.step, "recorded": "a decision", "repeated": why}
+        mind_difference = Difference.model_validate({"part": "mind", **place})
+        command_difference = mind_difference.model_copy(update={"part": "command"})
         return Turn(mind, command, None, mind_difference, None if command is None else command_difference)
 
     def _joins(self, deadline: RepeatedDeadline) -> Agent:

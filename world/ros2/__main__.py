@@ -34,7 +34,6 @@ from world.options import (
 )
 from world.ros2.live import LiveWorld, OdometryInbox, Ros
 from world.ros2.settings import Ros2Bridge
-from world.ros2.world import OdometryWorld
 from world.run import Run
 
 
@@ -67,33 +66,33 @@ def main(
     log: FilteringBoundLogger = structlog.get_logger("bridge")
     bridge = read_as(file, Ros2Bridge, "file of a bridge")
     bus_keys, epoch = Keys(run), secrets.randbits(63)
-    core = OdometryWorld(bridge, epoch=epoch)
-    inbox, odometry, opening = Inbox(core.robots), OdometryInbox(core.robots), Opening()
-    health = WorldHealth(core.robots)
+    robots = tuple(robot.id for robot in bridge.robots)
+    inbox, odometry, opening = Inbox(robots), OdometryInbox(robots), Opening()
+    health = WorldHealth(robots)
 
     def end() -> None:
         inbox.interrupt()
         opening.stop()
 
     on_wish_to_end(end)
-    receive_on_threads(most_sessions(core.robots) + 1)
+    receive_on_threads(most_sessions(robots) + 1)
     with ExitStack() as stack:
         stack.enter_context(said_by("bridge"))
         stack.enter_context(open_watch_port(health, watch_port))
-        access = Access(listen, users, keys, insecure).session(bus_keys, core.robots, log)
+        access = Access(listen, users, keys, insecure).session(bus_keys, robots, log)
         session = stack.enter_context(open_session(listen, access))
         stack.enter_context(closing(inbox))
         ros_session = _open_ros(bridge.connect, opening, log, health)
         if ros_session is None:
             return
         ros = Ros(stack.enter_context(ros_session), bridge, odometry)
-        world = LiveWorld(core, odometry, ros, log)
+        world = LiveWorld(bridge, odometry, ros.put, log, epoch=epoch)
         stack.callback(world.stop)
         scene = PublicScene(epoch=epoch, scene=bridge.scene())
-        bus = Bus(session, bus_keys, scene, core.robots, inbox)
+        bus = Bus(session, bus_keys, scene, robots, inbox)
         log.info(
             "bridge started",
-            robots=len(core.robots),
+            robots=len(robots),
             listen=listen,
             connect=bridge.connect,
             run=run,

@@ -4,12 +4,12 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import zenoh
 from structlog.typing import FilteringBoundLogger
 
-from protocol.messages import Command, Observation, Refusal, Refusals, Truth
+from protocol.messages import Command
 from protocol.session import LATEST_WINS
 from world.judge import RefusalNotices
 from world.ros2.cdr import STOP, CdrError, Twist, decode_odometry, encode_twist
@@ -82,62 +82,35 @@ class Ros:
         self._twists[robot].put(encode_twist(twist))
 
 
-class Drives(Protocol):
-    """Where twists go; :class:`Ros` is one."""
-
-    def put(self, robot: str, twist: Twist) -> None:
-        """Tell a robot what to do."""
-
-
-class LiveWorld:
+class LiveWorld(OdometryWorld):
     """The core between two buses; a :class:`world.run.Steps`.
 
-    At the beginning of each step every robot is told what it is to do should no command come, and with the
-    command, as soon as it comes, what that says: whoever hangs, is already braking when that is noticed.
+    At the beginning of each step every robot is told what to do should no command come, and as soon as its
+    command comes, what that says: a robot whose agent hangs is already braking when that is noticed.
 
     Args:
-        core: not yet advanced.
+        settings: see :class:`world.ros2.world.OdometryWorld`.
         inbox: odometry that comes in.
-        drives: where twists go.
+        drive: takes each robot's twists.
         log: for people.
+        epoch: identifies this world in all its messages.
         now_s: the clock of the inbox.
     """
 
     def __init__(
         self,
-        core: OdometryWorld,
+        settings: Ros2Bridge,
         inbox: OdometryInbox,
-        drives: Drives,
+        drive: Callable[[str, Twist], None],
         log: FilteringBoundLogger,
+        *,
+        epoch: int,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._core = core
-        self._inbox = inbox
-        self._drives = drives
-        self._log = log
-        self._now_s = now_s
+        super().__init__(settings, epoch=epoch)
+        self._inbox, self._drive, self._log, self._now_s = inbox, drive, log, now_s
         self._refusals = RefusalNotices[Reason](log, "odometry refused")
         self._located: set[str] = set()
-
-    @property
-    def step(self) -> int:
-        """The present step."""
-        return self._core.step
-
-    @property
-    def robots(self) -> tuple[str, ...]:
-        """Ids of all robots."""
-        return self._core.robots
-
-    @property
-    def present(self) -> tuple[str, ...]:
-        """Ids of the robots of which it is known where they are."""
-        return self._core.present
-
-    @property
-    def over(self) -> bool:
-        """Whether the run has been ended."""
-        return self._core.over
 
     @property
     def refused_odometry(self) -> dict[str, dict[Reason, int]]:
@@ -146,62 +119,38 @@ class LiveWorld:
 
     def begin(self) -> None:
         """The first step is now."""
-        self._look()
-        if lost := [robot for robot in self._core.robots if robot not in self._located]:
+        self._look_around()
+        if lost := [robot for robot in self.robots if robot not in self._located]:
             self._log.warning("no odometry yet: not driven and not seen", robots=", ".join(lost))
-
-    def observations(self) -> Mapping[str, Observation]:
-        """What each robot is told of the present step."""
-        return self._core.observations()
-
-    def refusal(self, robot: str, command: Command) -> Refusal | None:
-        """Why a command that came from this robot does not answer the present step, None if it does."""
-        return self._core.refusal(robot, command)
 
     def heed(self, robot: str, command: Command) -> None:
         """A command of the present step has come and been taken."""
-        self._drives.put(robot, self._core.twist(robot, command))
+        self._drive(robot, self.twist(robot, command))
 
     def advance(self, commands: Mapping[str, Command]) -> None:
         """The next step is now."""
-        self._core.advance(commands)
-        self._look()
-
-    def interrupt(self) -> None:
-        """End the run."""
-        self._core.interrupt()
-
-    def truth(self, refused: Refusals | None = None) -> Truth:
-        """What the bench is told of the present step."""
-        return self._core.truth(refused)
+        super().advance(commands)
+        self._look_around()
 
     def stop(self) -> None:
         """Tell every robot to stand."""
-        for robot in self._core.robots:
-            self._drives.put(robot, STOP)
+        for robot in self.robots:
+            self._drive(robot, STOP)
 
-    def _look(self) -> None:
-        for arrival in self._inbox.take():
-            self._take(arrival)
-        self._core.look(self._now_s())
-        self._tell_changes()
-        for robot in self._core.robots:
-            self._drives.put(robot, self._core.twist(robot))
-
-    def _take(self, arrival: Arrival) -> None:
-        robot, payload, arrived_s = arrival
-        try:
-            self._core.take(robot, decode_odometry(payload), arrived_s)
-        except CdrError as error:
-            self._refusals.add(robot, "not an Odometry message", str(error))
-        except OdometryError as error:
-            self._refusals.add(robot, error.reason, str(error))
-
-    def _tell_changes(self) -> None:
-        located = set(self._core.present)
-        for robot in self._core.robots:
+    def _look_around(self) -> None:
+        for robot, payload, arrived_s in self._inbox.take():
+            try:
+                self.take(robot, decode_odometry(payload), arrived_s)
+            except CdrError as error:
+                self._refusals.add(robot, "not an Odometry message", str(error))
+            except OdometryError as error:
+                self._refusals.add(robot, error.reason, str(error))
+        self.look(self._now_s())
+        located = set(self.present)
+        for robot in self.robots:
             if robot in self._located - located:
-                self._log.warning("odometry lost: the robot is stopped", robot=robot, step=self._core.step)
+                self._log.warning("odometry lost: the robot is stopped", robot=robot, step=self.step)
             elif robot in located - self._located:
-                self._log.info("odometry found", robot=robot, step=self._core.step)
+                self._log.info("odometry found", robot=robot, step=self.step)
+            self._drive(robot, self.twist(robot))
         self._located = located

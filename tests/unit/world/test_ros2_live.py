@@ -11,7 +11,6 @@ from world.clock import RealTime
 from world.inbox import Inbox
 from world.ros2.cdr import STOP
 from world.ros2.live import MOST_WAITING, LiveWorld, OdometryInbox
-from world.ros2.world import OdometryWorld
 from world.run import Run
 
 QUICK = {"limits": NIMBLE.model_dump()}
@@ -23,9 +22,9 @@ class Track:
     def __init__(self, count=2, **rules):
         self.now_s = 50.0
         self.twists = []
-        core = OdometryWorld(settings(count, robot=QUICK, **rules), epoch=EPOCH)
-        self.odometry = OdometryInbox(core.robots, self.now)
-        self.world = LiveWorld(core, self.odometry, self, structlog.get_logger(), self.now)
+        bridge, log = settings(count, robot=QUICK, **rules), structlog.get_logger()
+        self.odometry = OdometryInbox([robot.id for robot in bridge.robots], self.now)
+        self.world = LiveWorld(bridge, self.odometry, self.put, log, epoch=EPOCH, now_s=self.now)
 
     def now(self):
         return self.now_s
