@@ -12,12 +12,13 @@ from typing import NamedTuple, Self
 
 import zenoh
 
+from chassis.refusal import ExitStatus, Refusal
 from fleet.bench.loops import circle
 from fleet.bench.measuring import Cell, Distribution, Progress, Row, Settings
 from fleet.keys.authority import LOCAL_HOSTS, Device, folder_of
 from fleet.keys.folders import create
 from fleet.run.launch import Logins
-from fleet.run.processes import Processes, ProcessFailedError
+from fleet.run.processes import Processes
 from protocol.device_keys import load_device_keys
 from protocol.keys import WORLD_NAME, Keys
 from protocol.messages import PublicScene
@@ -145,24 +146,26 @@ def await_robots(count: int, inbox: Inbox, processes: Processes, beat: Callable[
         beat: called every ``LOOK_S``.
 
     Raises:
-        ProcessFailedError: a process has ended.
+        Refusal: a process has ended.
     """
     while len(inbox.take(LOOK_S).present) < count:
         beat()
         if ended := processes.ended():
-            raise ProcessFailedError("\n".join(ended.values()))
+            raise Refusal("\n".join(ended.values()), ExitStatus.FAILED)
 
 
 def gather(awaited: set[str], inbox: Inbox) -> None:
     """Return when a command of each of these robots is there.
 
     Raises:
-        ProcessFailedError: one is missing after ``LOST_S``.
+        Refusal: one is missing after ``LOST_S``.
     """
     until_s = time.monotonic() + LOST_S
     while awaited:
         awaited -= {robot for robot, _ in inbox.take(until_s - time.monotonic()).commands}
         if awaited and time.monotonic() >= until_s:
-            raise ProcessFailedError(
-                f"the bus lost a message: no answer of robot {', '.join(sorted(awaited))} within {LOST_S:g} s"
+            raise Refusal(
+                f"the bus lost a message: no answer of robot {', '.join(sorted(awaited))} within "
+                f"{LOST_S:g} s",
+                ExitStatus.FAILED,
             )

@@ -148,7 +148,7 @@ class Row(Record):
 
         Raises:
             KeyboardInterrupt: it is to end.
-            ProcessFailedError: a process that it needs has failed.
+            Refusal: a process that it needs has failed.
         """
 
     @abstractmethod

@@ -16,6 +16,7 @@ import zenoh
 
 from agent.process.options import DecisionOptions
 from agent.process.warm import warm_up
+from chassis.refusal import ExitStatus, Refusal
 from fleet.bench.bus import RUN, await_robots
 from fleet.bench.decisions import BUNDLED
 from fleet.bench.loops import circle
@@ -25,7 +26,7 @@ from fleet.record.stream import BusMessage
 from fleet.record.summary import Tally
 from fleet.run.experiment import Experiment, prepare
 from fleet.run.live import run_processes
-from fleet.run.processes import Processes, ProcessFailedError
+from fleet.run.processes import Processes
 from protocol.keys import Keys
 from protocol.messages import PublicScene, Truth
 from protocol.session import world_session
@@ -262,7 +263,7 @@ def _compile(cache: str, what: str, progress: Progress) -> None:
             process.kill()
         said = process.stderr.read().decode(errors="replace") if process.stderr else ""
     if process.returncode:
-        raise ProcessFailedError(f"compiling ended with exit status {process.returncode}:\n{said}")
+        raise Refusal(f"compiling ended with exit status {process.returncode}:\n{said}", ExitStatus.FAILED)
 
 
 def _children_cpu_s() -> float:

@@ -176,7 +176,7 @@ class Bench:
 
         Raises:
             KeyboardInterrupt: it is to end.
-            ProcessFailedError: a process ended when it should not have, or the solver cannot be compiled.
+            Refusal: a process ended when it should not have, or the solver cannot be compiled.
         """
         progress.begin(announced("measuring"))
         compile_solver(progress.interruption)

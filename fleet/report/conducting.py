@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
 from chassis.files import write_whole
-from chassis.refusal import Refusal
+from chassis.refusal import ExitStatus
 from fleet.evaluate.evaluation import Evaluation
 from fleet.evaluate.results import read_evaluation, read_rows
 from fleet.interruption import Interruption
@@ -16,11 +16,9 @@ from fleet.report.material import Material
 from fleet.report.page import Page
 from fleet.report.rerunning import shown_again
 from fleet.run.experiment import SHARING
-from fleet.run.processes import ProcessFailedError
 from fleet.run.progress import announced, compile_solver
 from protocol.messages import Truth
 from protocol.scenario import scenario_text
-from world.process import ExitStatus
 
 PAGE = "report.html"
 
@@ -46,19 +44,16 @@ def conduct(directory: Path, against: str | None, worst: int) -> ExitStatus:
             if interruption.requested:
                 raise KeyboardInterrupt
             written = _write(directory, page, scenarios)
-        except (ReportError, Refusal) as error:
+        except ReportError as error:
             _tell(errors, f"unspoken: {error}")
             return ExitStatus.WRONG_USAGE
-        except ProcessFailedError as error:
-            _tell(errors, f"unspoken: {error}")
-            return ExitStatus.FAILED
         except KeyboardInterrupt:
             _tell(errors, "Interrupted: no report was written")
-            return ExitStatus.ENDED_OTHERWISE
+            return ExitStatus.UNMET
     for remark in page.remarks:
         _tell(errors, remark)
     _tell(console, f"Report in {directory / PAGE}; beside it: {', '.join(written)}")
-    return ExitStatus.ARRIVED
+    return ExitStatus.DONE
 
 
 def _material(directory: Path, against: str | None) -> Material:

@@ -10,14 +10,16 @@ from typing import NamedTuple
 import structlog
 import zenoh
 
+from chassis.refusal import ExitStatus, Refusal
 from fleet.inject.process_faults import WORLD, ProcessFaults
 from fleet.interruption import Interruption
 from fleet.record.stream import KINDS, TOO_MANY, BusMessage, RefusedMind, Restarted, StreamItem
-from fleet.run.processes import Processes, ProcessFailedError
+from fleet.run.processes import Processes
 from fleet.run.supervisor import Supervisor
 from protocol.codec import MessageError, decode
 from protocol.keys import Keys
-from protocol.messages import Command, Message, Mind, PublicScene, Refusal, Truth
+from protocol.messages import Command, Message, Mind, PublicScene, Truth
+from protocol.messages import Refusal as Reason
 from protocol.session import Opening, SessionSettings, reason_of
 
 MOST_WAITING_BYTES = 8 * 1024 * 1024
@@ -131,9 +133,7 @@ class Decoder:
             self._step = message.step
         return BusMessage(key, message, time_ns)
 
-    def _checked(
-        self, kind: type[Command | Mind], robot: str, received: Received
-    ) -> Command | Mind | Refusal:
+    def _checked(self, kind: type[Command | Mind], robot: str, received: Received) -> Command | Mind | Reason:
         try:
             message = decode(kind, received.payload)
         except MessageError:
@@ -222,7 +222,7 @@ class Subscriber:
         """The bench's session, once the world listens.
 
         Raises:
-            ProcessFailedError: the world ended instead.
+            Refusal: the world ended instead.
             KeyboardInterrupt: an interruption came before.
         """
 
@@ -236,7 +236,9 @@ class Subscriber:
         try:
             session = opening.wait(look, every_s=LOOK_S)
         except zenoh.ZError as error:
-            raise ProcessFailedError(f"the bench cannot reach its world: {reason_of(error)}") from error
+            raise Refusal(
+                f"the bench cannot reach its world: {reason_of(error)}", ExitStatus.FAILED
+            ) from error
         assert session is not None, "nobody stops this opening"
         return session
 
@@ -258,7 +260,7 @@ class Subscriber:
         """Messages up to the truth with the verdict, and those that it has overtaken.
 
         Raises:
-            ProcessFailedError: the world, or before the first step a robot, has ended for good; or a robot
+            Refusal: the world, or before the first step a robot, has ended for good; or a robot
                 did so later, which is told after the verdict of the others.
             KeyboardInterrupt: an interruption came, and there will be no verdict.
         """
@@ -282,7 +284,7 @@ class Subscriber:
         yield from (RefusedMind(robot, TOO_MANY, count) for robot, count in self._mailbox.lost.items())
         self._supervisor.look()
         if failures := [account for name, account in self._supervisor.lost.items() if name != WORLD]:
-            raise ProcessFailedError("\n".join(failures))
+            raise Refusal("\n".join(failures), ExitStatus.FAILED)
 
     def _look_after_all(self) -> Iterator[StreamItem]:
         """Let interruptions, restarts and faults take their course."""
@@ -340,7 +342,7 @@ class Subscriber:
         if WORLD in lost or (lost and not self._begun):
             if self._interruption.requested:
                 raise KeyboardInterrupt
-            raise ProcessFailedError(lost.get(WORLD) or "\n".join(lost.values()))
+            raise Refusal(lost.get(WORLD) or "\n".join(lost.values()), ExitStatus.FAILED)
 
     def _hand_on_interruption(self) -> None:
         """The world ends an interrupted run, with its verdict; whoever insists does without one."""

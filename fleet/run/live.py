@@ -34,7 +34,7 @@ def run_processes(
         restart: which processes are started again when they end before the run is over.
 
     Raises:
-        ProcessFailedError: the solver cannot be compiled; the world or, before the first step, a robot ended
+        Refusal: the solver cannot be compiled; the world or, before the first step, a robot ended
             for good; or a robot did so later, which is told after the verdict of the others.
         KeyboardInterrupt: an interruption came before the world could give a verdict, or came twice.
     """

@@ -10,20 +10,12 @@ from pathlib import Path
 from typing import NamedTuple, Self
 
 from chassis.process import PARENT
-from chassis.refusal import ExitStatus, Refusal
 
 PATIENCE_S = 5.0
 """How long processes may take to end after they were asked to."""
 LOG_TAIL_LINES = 8
 OWN = ("UNSPOKEN_", "NOTIFY_SOCKET", "WATCHDOG_")
 """Environment variables that are for this process: its options, and its service manager."""
-
-
-class ProcessFailedError(Refusal):
-    """A process of the run ended when it should not have; the text says which, how, and what it said last."""
-
-    def __init__(self, sentence: str) -> None:
-        super().__init__(sentence, ExitStatus.FAILED)
 
 
 class _Part(NamedTuple):

@@ -14,9 +14,7 @@ from rich.progress import (
 
 from agent.process.warm import compile_in_background
 from agent.solve.compiled import is_complete
-from chassis.refusal import Refusal
 from fleet.interruption import Interruption
-from fleet.run.processes import ProcessFailedError
 from protocol.messages import Message, Truth
 
 SPEED_S = 600.0
@@ -69,14 +67,10 @@ def compile_solver(interruption: Interruption) -> None:
     """Wait until the solver is compiled, which takes no time where it has been.
 
     Raises:
-        ProcessFailedError: it cannot be compiled or kept.
+        Refusal: it cannot be compiled or kept.
         KeyboardInterrupt: an interruption came before.
     """
-    try:
-        compiled = compile_in_background(unwanted=lambda: interruption.requested)
-    except Refusal as error:
-        raise ProcessFailedError(str(error)) from None
-    if not compiled:
+    if not compile_in_background(unwanted=lambda: interruption.requested):
         raise KeyboardInterrupt
 
 

@@ -216,7 +216,7 @@ def simulate(experiment: Experiment, interruption: Interruption) -> Iterator[Bus
     """Every message that the processes would have exchanged in lock-step, in the same order of steps.
 
     Raises:
-        ProcessFailedError: the solver cannot be compiled.
+        Refusal: the solver cannot be compiled.
         KeyboardInterrupt: an interruption came while it was compiled.
         ValueError: an estimator needs something that the scene does not hold.
     """

@@ -10,13 +10,13 @@ from click.testing import Result
 from pydantic import ValidationError
 from typer.testing import CliRunner
 
+from chassis.refusal import ExitStatus, Refusal
 from fleet.bench import bus
 from fleet.bench.bus import Protection
 from fleet.bench.measuring import Progress, SectionName, Settings
 from fleet.bench.processes import StartupRow
 from fleet.bench.report import SECTIONS, Figures, Report, judge
 from fleet.cli import app
-from fleet.run.processes import ProcessFailedError
 from world.inbox import Inbox
 
 LITTLE = ("--robots", 2, "--crossings", 2, "--steps", 4, "--decisions", 4, "--rounds", 5, "--starts", 1)
@@ -139,7 +139,7 @@ def test_a_round_over_the_bus_ends_with_the_last_command_and_tells_whose_is_lost
     inbox = Inbox(["1", "2", "3"])
     for robot in ("1", "3"):
         inbox.store_command(robot, b"")
-    with pytest.raises(ProcessFailedError, match="no answer of robot 2 within"):
+    with pytest.raises(Refusal, match="no answer of robot 2 within"):
         bus.gather({"1", "2", "3"}, inbox)
     inbox.store_command("2", b"")
     bus.gather({"2"}, inbox)
@@ -175,7 +175,7 @@ def test_ctrl_c_ends_it_with_what_has_been_measured_and_says_that_it_is_incomple
 def test_a_failed_process_is_told_and_what_was_measured_before_is_kept(monkeypatch: pytest.MonkeyPatch):
     def measure(_settings: Settings, _progress: Progress) -> Iterator[StartupRow]:
         yield ROW
-        raise ProcessFailedError("robot-1 was killed by signal 9")
+        raise Refusal("robot-1 was killed by signal 9", ExitStatus.FAILED)
 
     only(monkeypatch, measure)
     result = unspoken_bench("--only", "startup", "--json", "-")

@@ -16,7 +16,6 @@ from fleet.record.recording import read_recording
 from fleet.record.stream import BusMessage
 from fleet.run.command import conduct
 from fleet.run.experiment import Experiment, prepare
-from fleet.run.processes import ProcessFailedError
 from protocol.keys import Keys
 from protocol.messages import Mind, Truth
 
@@ -61,7 +60,7 @@ def test_a_failed_process_is_told_and_what_came_before_is_kept(
 ) -> None:
     def stream(_logs: Path, _interruption: Interruption) -> Iterator[BusMessage]:
         yield truth(0)
-        raise ProcessFailedError("robot-2 was killed [by] signal 9")
+        raise Refusal("robot-2 was killed [by] signal 9", ExitStatus.FAILED)
 
     with pytest.raises(Refusal, match=r"robot-2 was killed \[by\] signal 9") as failure:
         conduct(experiment, tmp_path, stream, "begin")
@@ -75,7 +74,7 @@ def test_a_verdict_that_came_before_the_failure_stands(
 ) -> None:
     def stream(_logs: Path, _interruption: Interruption) -> Iterator[BusMessage]:
         yield truth(1, verdict="deadlock")
-        raise ProcessFailedError("robot-2 was killed")
+        raise Refusal("robot-2 was killed", ExitStatus.FAILED)
 
     with pytest.raises(Refusal, match="robot-2 was killed"):
         conduct(experiment, tmp_path, stream, "begin")

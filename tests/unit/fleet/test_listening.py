@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 from structlog.testing import capture_logs
 
+from chassis.refusal import Refusal
 from fleet.inject.process_faults import WORLD
 from fleet.record.stream import BusMessage, RefusedMind
 from fleet.run.listening import MOST_WAITING_BYTES, Decoder, Mailbox, Outstanding, Received, Subscriber
-from fleet.run.processes import ProcessFailedError
 from protocol.codec import MessageError, encode
 from protocol.keys import Keys
 from protocol.messages import Command, Message, Truth
@@ -192,5 +192,5 @@ def test_a_world_that_has_gone_without_a_verdict_is_a_failure(
     lost[WORLD] = "world ended with exit status 3"
     messages = bench.listen()
     assert next(messages).message.step == 0  # type: ignore[union-attr]
-    with pytest.raises(ProcessFailedError, match="exit status 3"):
+    with pytest.raises(Refusal, match="exit status 3"):
         next(messages)
