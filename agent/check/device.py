@@ -1,6 +1,7 @@
 """The check of a device from its first item to its last, and its short items."""
 
 import ctypes
+import shutil
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -41,10 +42,11 @@ def check_device(options: RobotOptions, config: Path | None, *, as_json_text: bo
         Whether this device is ready.
     """
     found: list[Finding] = []
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     for finding in findings(options, config):
         found.append(finding)
         if not as_json_text:
-            typer.echo(finding.line())
+            typer.echo(finding.line(width))
     typer.echo(as_json(found) if as_json_text else verdict(found))
     return is_ready(found)
 

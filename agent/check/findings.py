@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from textwrap import fill
 from typing import Literal, NamedTuple
 
 
@@ -14,10 +15,14 @@ class Finding(NamedTuple):
     remedy: str = ""
     """What to do about it; empty where ``found`` says that, too, or nothing is to be done."""
 
-    def line(self) -> str:
-        """As one line for people."""
-        remedy = f"; {self.remedy}" if self.remedy else ""
-        return f"{self.state:8} {self.item:14} {self.found}{remedy}"
+    def line(self, width: int | None = None) -> str:
+        """As one line for people; on a terminal of some width, as several that begin under one another."""
+        head, remedy = f"{self.state:8} {self.item:14} ", f"; {self.remedy}" if self.remedy else ""
+        text = f"{head}{self.found}{remedy}"
+        if width is None:
+            return text
+        indent = len(head) * " "
+        return fill(text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def is_ready(findings: Sequence[Finding]) -> bool:

@@ -150,6 +150,15 @@ def test_a_line_an_item_and_the_verdict(check):
     assert (told.exit_code, told.output.splitlines()[-1]) == (1, "not ready: 2 failed, 1 warning")
 
 
+def test_on_a_terminal_an_item_is_wrapped_under_itself():
+    finding = Finding("clock", "warning", "it says 2026-11-30 14:50 UTC", "let a time service keep it right")
+    lines = finding.line(60).splitlines()
+    assert len(lines) == 2
+    assert max(map(len, lines)) <= 60
+    assert lines[1].startswith(24 * " ")
+    assert " ".join(each.strip() for each in lines) == finding.line()
+
+
 def test_the_same_as_json(check):
     told = check(["ok", "failed"], "--json")
     assert told.exit_code == 1
