@@ -37,21 +37,23 @@ def bench(
         typer.Option(help="Measure this section; may be given several times.", show_default="all"),
     ] = None,
     robots: Annotated[
-        str, typer.Option(callback=_numbers, help="Numbers of robots.", metavar="N,N,…")
+        str, typer.Option(callback=_numbers, help="Numbers of robots to measure with.", metavar="N,N,…")
     ] = ",".join(map(str, DEFAULT.robots)),
     crossings: Annotated[
-        int, typer.Option(min=1, help="Random crossings of up to 8 robots; fewer are driven of more robots.")
+        int, typer.Option(min=1, help="Random crossings for each number up to 8; fewer for more robots.")
     ] = DEFAULT.crossings,
-    seed: Annotated[int, typer.Option(min=0, help="Of the first random crossing.")] = DEFAULT.seed,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the first random crossing.")] = DEFAULT.seed,
     steps: Annotated[
-        int, typer.Option(min=2, help="Of each closed loop of the joint prediction.")
+        int, typer.Option(min=2, help="Steps of each closed loop of the joint prediction.")
     ] = DEFAULT.steps,
     decisions: Annotated[
-        int, typer.Option(min=1, help="A closed loop of whole decisions ends after so many.")
+        int, typer.Option(min=1, help="Decisions after which a closed loop of whole decisions ends.")
     ] = DEFAULT.decisions,
-    rounds: Annotated[int, typer.Option(min=1, help="Over the bus, a number of robots.")] = DEFAULT.rounds,
+    rounds: Annotated[
+        int, typer.Option(min=1, help="Rounds over the bus for each number of robots.")
+    ] = DEFAULT.rounds,
     starts: Annotated[
-        int, typer.Option(min=1, help="Of one agent's process, to readiness.")
+        int, typer.Option(min=1, help="Starts of a single agent's process, up to its readiness.")
     ] = DEFAULT.starts,
     reference: Annotated[
         bool, typer.Option(help="Compare with the reference solver, which takes minutes.")

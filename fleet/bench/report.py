@@ -133,7 +133,7 @@ class Report(Record):
         return self.model_dump_json(by_alias=True, indent=2)
 
     def show(self, console: Console) -> None:
-        """Print it as tables, the targets last."""
+        """Print it as tables, last the targets of which there are figures."""
         machine, libraries = self.machine, self.machine.libraries.items()
         commit = f" ({machine.commit})" if machine.commit else ""
         console.print(
@@ -149,10 +149,12 @@ class Report(Record):
                 console.print(table(rows))
         targets = new_table("Targets", "What", "Measured", "Target", "Met")
         for target in self.targets:
-            limit = f"{'≤' if target.bound == 'at most' else '≥'} {target.limit:g} {target.unit}"
-            met = {True: "[green]yes[/]", False: "[red]no[/]", None: "–"}[target.met]
-            targets.add_row(target.what, number(target.measured), limit, met)
-        console.print(targets)
+            if target.measured is not None:
+                limit = f"{'≤' if target.bound == 'at most' else '≥'} {target.limit:g} {target.unit}"
+                met = "[green]yes[/]" if target.met else "[red]no[/]"
+                targets.add_row(target.what, number(target.measured), limit, met)
+        if targets.row_count:
+            console.print(targets)
         ended = "measured" if self.complete else "[red]INCOMPLETE[/]: ended"
         console.print(f"{ended} in {self.duration_s:.0f} s")
 

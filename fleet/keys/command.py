@@ -26,10 +26,11 @@ T = TypeVar("T")
 
 app = typer.Typer(
     cls=Group,
+    add_completion=False,
     no_args_is_help=True,
-    help="Make, renew and look through the keys with which devices prove who they are, for runs across "
-    "machines.\n\nExit status: 0 done, 1 show found something wrong, 2 wrong usage or input, 3 the directory "
-    "cannot be written.",
+    help="Make, renew and check the keys with which devices prove who they are, for runs across machines.\n\n"
+    "Exit status: 0 done, 1 show found something wrong, 2 wrong usage or input, 3 the directory cannot be "
+    "written.",
 )
 
 
@@ -51,7 +52,12 @@ MadeArgument = Annotated[
 ]
 RobotOption = Annotated[
     list[str] | None,
-    typer.Option("--robot", metavar="ID", parser=_parser(checked_name), help="A robot's id; repeatable."),
+    typer.Option(
+        "--robot",
+        metavar="ID",
+        parser=_parser(checked_name),
+        help="A robot's id; may be given several times.",
+    ),
 ]
 HostOption = Annotated[
     list[Host] | None,
@@ -59,7 +65,7 @@ HostOption = Annotated[
         "--host",
         metavar="HOST",
         parser=_parser(Host.parse),
-        help="Host name or IPv4 address at which robots reach the world; repeatable.",
+        help="Host name or IPv4 address at which robots reach the world; may be given several times.",
     ),
 ]
 DaysOption = Annotated[
@@ -132,7 +138,7 @@ def issue(
         folders.issue(directory, devices, now, days)
         issued = {directory / device.folder for device in devices}
         _print(directory, [found for found in survey(directory, now) if found.folder in issued])
-    typer.echo("Copy each of these folders to its device, where it replaces the older one.")
+    typer.echo("Copy each of these folders to its device, where it replaces any older one.")
 
 
 @app.command()

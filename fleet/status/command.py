@@ -25,25 +25,25 @@ def status(
     run_directory: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[RUN]",
+            metavar="RUN",
             help="Directory of a run that is going on.",
             show_default="the only one that is going on in runs/",
         ),
     ] = None,
     connect: Annotated[
-        str | None, typer.Option(help="Endpoint of a world, instead of RUN.", show_default="none")
+        str | None, typer.Option(help="Endpoint of the world, instead of RUN.", show_default=False)
     ] = None,
     run: Annotated[
         str,
-        typer.Option(callback=key_name, help="With --connect: name of the run, as its world was given it."),
+        typer.Option(callback=key_name, help="With --connect: the run's name, as its world was given it."),
     ] = "run",
     password_file: Annotated[
         Path | None,
-        typer.Option(help="With --connect: file with the bench's password.", show_default="none"),
+        typer.Option(help="With --connect: file with the bench's password.", show_default=False),
     ] = None,
     keys: Annotated[
         Path | None,
-        typer.Option(help="With --connect: folder with the bench's keys.", show_default="none"),
+        typer.Option(help="With --connect: folder with the bench's keys.", show_default=False),
     ] = None,
     once: Annotated[bool, typer.Option("--once", help="Listen for two seconds, print, and end.")] = False,
     as_json: Annotated[

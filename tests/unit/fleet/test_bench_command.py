@@ -10,13 +10,13 @@ from click.testing import Result
 from pydantic import ValidationError
 from typer.testing import CliRunner
 
-from chassis.refusal import ExitStatus, Refusal
 from fleet.bench import bus
 from fleet.bench.bus import Protection
 from fleet.bench.measuring import Progress, SectionName, Settings
 from fleet.bench.processes import StartupRow
 from fleet.bench.report import SECTIONS, Figures, Report, judge
 from fleet.cli import app
+from fleet.run.processes import ProcessFailedError
 from world.inbox import Inbox
 
 LITTLE = ("--robots", 2, "--crossings", 2, "--steps", 4, "--decisions", 4, "--rounds", 5, "--starts", 1)
@@ -38,11 +38,6 @@ def close(cell: str, value: float) -> bool:
     return float(cell) == pytest.approx(value, rel=0.006)
 
 
-def only(monkeypatch: pytest.MonkeyPatch, measure) -> None:
-    """Let the section ``startup`` measure something else."""
-    monkeypatch.setattr(StartupRow, "measure", measure)
-
-
 def test_the_report_has_a_place_for_every_section_and_a_section_for_every_name():
     assert tuple(SECTIONS) == tuple(SectionName) == tuple(Figures.model_fields)
 
@@ -54,12 +49,8 @@ def test_the_json_is_a_valid_report_and_the_tables_show_its_numbers():
     assert report.complete
     assert report.settings.sections == (SectionName.PREDICTION, SectionName.DECISION)
     crossings, ring = report.figures.prediction
-    assert (crossings.scenario, crossings.loops, crossings.first.count, crossings.later.count) == (
-        "random",
-        2,
-        2,
-        6,
-    )
+    assert (crossings.scenario, crossings.loops) == ("random", 2)
+    assert (crossings.first.count, crossings.later.count) == (2, 6)
     assert (ring.scenario, ring.loops, ring.first.count, ring.later.count) == ("circle", 1, 1, 3)
     for row in (crossings, ring):
         loops, median, p99, most, wall, first, unsolved, *_ = cells(result.stderr, row.scenario, "2")
@@ -75,14 +66,9 @@ def test_the_json_is_a_valid_report_and_the_tables_show_its_numbers():
     assert (decided.first.count, decided.later.count) == (2, 4)
     assert close(median, decided.later.cpu.median_ms)
     assert close(p99, decided.later.cpu.p99_ms)
-
-
-def test_a_part_of_a_decision_takes_no_longer_than_the_whole():
-    result = unspoken_bench("--only", "decision", *LITTLE, "--json", "-")
-    (row,) = Report.model_validate_json(result.stdout).figures.decision
-    assert set(row.phases_cpu) == {"estimate", "predict", "plan"}
-    assert sum(phase.max_ms for phase in row.phases_cpu.values()) > 0.0
-    assert all(phase.max_ms <= row.later.cpu.max_ms for phase in row.phases_cpu.values())
+    assert set(decided.phases_cpu) == {"estimate", "predict", "plan"}
+    assert sum(phase.max_ms for phase in decided.phases_cpu.values()) > 0.0
+    assert all(phase.max_ms <= decided.later.cpu.max_ms for phase in decided.phases_cpu.values())
 
 
 def test_the_reference_solver_confirms_the_objectives_and_the_closed_loop():
@@ -132,14 +118,14 @@ def test_real_processes_are_measured(tmp_path: Path):
     assert lockstep.agent_resident_mib > 20.0
 
 
-def test_a_round_over_the_bus_ends_with_the_last_command_and_tells_whose_is_lost(
+def test_a_round_over_the_bus_ends_with_the_last_command_and_says_whose_is_lost(
     monkeypatch: pytest.MonkeyPatch,
 ):
     monkeypatch.setattr(bus, "LOST_S", 0.0)
     inbox = Inbox(["1", "2", "3"])
     for robot in ("1", "3"):
         inbox.store_command(robot, b"")
-    with pytest.raises(Refusal, match="no answer of robot 2 within"):
+    with pytest.raises(ProcessFailedError, match="no answer of robot 2 within"):
         bus.gather({"1", "2", "3"}, inbox)
     inbox.store_command("2", b"")
     bus.gather({"2"}, inbox)
@@ -153,45 +139,35 @@ def test_compiling_from_nothing_takes_longer_than_loading():
     assert empty.cpu_s > 2.0 * full.cpu_s > 0.0
 
 
-def test_ctrl_c_ends_it_with_what_has_been_measured_and_says_that_it_is_incomplete(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("ends", "status"), [("Ctrl-C", 1), ("robot-1 was killed by signal 9", 3)])
+def test_what_was_measured_before_an_interruption_or_a_failure_is_kept_and_called_incomplete(
+    ends: str, status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     def measure(_settings: Settings, progress: Progress) -> Iterator[StartupRow]:
         yield ROW
+        if status == 3:
+            raise ProcessFailedError(ends)
         signal.raise_signal(signal.SIGINT)
         progress.begin("the next row")
         raise AssertionError("it went on")
 
-    only(monkeypatch, measure)
+    monkeypatch.setattr(StartupRow, "measure", measure)
     path = tmp_path / "report.json"
     result = unspoken_bench("--only", "startup", "--only", "compiling", "--json", path)
-    assert result.exit_code == 1
+    assert result.exit_code == status
     report = Report.model_validate_json(path.read_text())
-    assert not report.complete
-    assert report.figures.startup == (ROW,)
-    assert "INCOMPLETE" in result.stdout
-
-
-def test_a_failed_process_is_told_and_what_was_measured_before_is_kept(monkeypatch: pytest.MonkeyPatch):
-    def measure(_settings: Settings, _progress: Progress) -> Iterator[StartupRow]:
-        yield ROW
-        raise Refusal("robot-1 was killed by signal 9", ExitStatus.FAILED)
-
-    only(monkeypatch, measure)
-    result = unspoken_bench("--only", "startup", "--json", "-")
-    assert result.exit_code == 3
-    assert "robot-1 was killed by signal 9" in result.stderr
-    report = Report.model_validate_json(result.stdout)
     assert (report.complete, report.figures.startup) == (False, (ROW,))
+    assert "INCOMPLETE" in result.stdout
+    assert (ends in result.stderr) == (status == 3)
 
 
-def test_a_report_that_cannot_be_written_is_told_before_anything_is_measured(
+def test_a_report_that_cannot_be_written_is_refused_before_anything_is_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     def measure(_settings: Settings, _progress: Progress) -> Iterator[StartupRow]:
         raise AssertionError("it was measured")
 
-    only(monkeypatch, measure)
+    monkeypatch.setattr(StartupRow, "measure", measure)
     result = unspoken_bench("--only", "startup", "--json", tmp_path / "missing" / "report.json")
     assert result.exit_code == 2
     assert "report.json: the report cannot be written there: No such file or directory" in result.stderr

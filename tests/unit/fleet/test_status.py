@@ -20,7 +20,7 @@ STEP_S = 0.1
 ADDRESS = Address(endpoint="tcp/127.0.0.1:7447", run="r", password_file=None)
 
 
-def truth(step, *, epoch=1, arrived=(), verdict=None, robots=ROBOTS, **told):
+def truth(step, *, epoch=1, arrived=(), verdict=None, robots=ROBOTS):
     state = State(x_m=0.0, y_m=0.0, heading_rad=0.0, speed_mps=0.0)
     return Truth(
         epoch=epoch,
@@ -41,7 +41,7 @@ def truth(step, *, epoch=1, arrived=(), verdict=None, robots=ROBOTS, **told):
         minimum_distance_m=1.25,
         collisions=(),
         verdict=verdict,
-        **{"refused": {}, **told},
+        refused={},
     )
 
 
@@ -108,12 +108,10 @@ def test_who_decides_is_ready_with_its_rate_its_times_and_its_lag():
     assert b.state == "ready"
 
 
-def test_who_does_not_decide_as_it_should_is_degraded():
-    [robot, _] = driven(degraded=("gate",)).status(2.0).robots
+def test_who_does_not_decide_as_it_should_is_degraded_and_whose_token_goes_is_lost_until_it_returns():
+    standing = driven(degraded=("gate",))
+    [robot, _] = standing.status(2.0).robots
     assert (robot.state, robot.degraded) == ("degraded", ("gate",))
-
-
-def test_whose_token_goes_is_lost_until_it_returns():
     standing = driven()
     standing.stands("b", present=False)
     assert states(standing) == {"a": "ready", "b": "lost"}
@@ -121,20 +119,16 @@ def test_whose_token_goes_is_lost_until_it_returns():
     assert states(standing)["b"] == "ready"
 
 
-def test_who_decides_no_more_although_the_run_goes_on_is_quiet():
+def test_who_decides_no_more_is_quiet_unless_the_run_stands_still():
     standing = driven()
     end_s = 2.0 + QUIET_S + 1.0
     for step in range(20, int(end_s / STEP_S)):
         standing.take(truth(step), step * STEP_S)
         standing.take(mind("a", step), step * STEP_S + 0.01)
     assert states(standing, end_s) == {"a": "ready", "b": "quiet"}
-
-
-def test_in_a_run_that_stands_still_it_is_the_world_that_is_quiet():
-    standing = driven()
-    now_s = 2.0 + QUIET_S + 1.0
-    assert standing.status(now_s).world.state == "quiet"
-    assert states(standing, now_s) == {"a": "ready", "b": "ready"}
+    still = driven()
+    assert still.status(end_s).world.state == "quiet"
+    assert states(still, end_s) == {"a": "ready", "b": "ready"}
 
 
 def test_who_has_arrived_has_and_a_verdict_ends_the_run():
@@ -195,11 +189,10 @@ def test_of_many_robots_those_come_first_that_want_to_be_looked_at():
     assert "more" not in printed(standing.status(2.0), 100)
 
 
-def test_a_robot_of_any_name_is_shown_as_it_is():
-    assert "quiet" not in printed(driven(robots=("a", "b-_9")).status(2.0), 100)
-
-
-def test_the_way_to_a_run_is_for_its_owner_alone_and_goes_with_it(tmp_path):
+def test_the_address_of_a_run_is_for_its_owner_alone_replaces_an_older_one_and_goes_with_the_run(tmp_path):
+    (tmp_path / FILE).write_text("left by a bench that was killed")
+    with pytest.raises(Refusal, match="not what a run leaves there"):
+        address_of(tmp_path)
     with left_in(tmp_path, ADDRESS):
         assert stat.S_IMODE((tmp_path / FILE).stat().st_mode) == 0o600
         assert is_going_on(tmp_path)
@@ -209,15 +202,7 @@ def test_the_way_to_a_run_is_for_its_owner_alone_and_goes_with_it(tmp_path):
         address_of(tmp_path)
 
 
-def test_what_a_killed_bench_has_left_is_replaced(tmp_path):
-    (tmp_path / FILE).write_text("old")
-    with pytest.raises(Refusal, match="not what a run leaves there"):
-        address_of(tmp_path)
-    with left_in(tmp_path, ADDRESS):
-        assert address_of(tmp_path) == ADDRESS
-
-
-def test_a_run_goes_on_where_the_way_to_it_cannot_be_left(tmp_path):
+def test_a_run_goes_on_where_its_address_cannot_be_left(tmp_path):
     with left_in(tmp_path / "nowhere", ADDRESS):
         pass
 
@@ -240,7 +225,7 @@ def invoke(*arguments):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "status", "told"),
+    ("arguments", "status", "words"),
     [
         (["nowhere"], 1, "nowhere: there is no such directory"),
         (["--connect", "tcp/127.0.0.1:1"], 3, "there is no world at tcp/127.0.0.1:1"),
@@ -250,9 +235,9 @@ def invoke(*arguments):
         (["--connect", "tcp/127.0.0.1:1", "--run", "a/b"], 2, "'a/b' found"),
     ],
 )
-def test_what_cannot_be_looked_at_is_told_in_a_line(arguments, status, told):
+def test_a_run_that_cannot_be_shown_is_refused(arguments, status, words):
     exit_status, output = invoke(*arguments)
-    assert told in output
+    assert words in output
     assert exit_status == status
 
 
