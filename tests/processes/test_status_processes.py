@@ -155,6 +155,6 @@ def test_a_world_elsewhere_tells_who_is_missing_and_lets_only_the_bench_look(
     wrong_run = ("--connect", endpoint, "--run", "there", "--once")
     exit_status, said, complained = status(*wrong_run, "--password-file", temporary / "@bench.password")
     assert (exit_status, said) == (3, "")
-    assert "does not tell of a run 'there'" in complained
+    assert "does not answer for a run 'there'" in complained
     agent.signal(signal.SIGTERM)
     assert agent.end() == 0
