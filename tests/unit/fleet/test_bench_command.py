@@ -10,13 +10,13 @@ from click.testing import Result
 from pydantic import ValidationError
 from typer.testing import CliRunner
 
+from chassis.refusal import ExitStatus, Refusal
 from fleet.bench import bus
 from fleet.bench.bus import Protection
 from fleet.bench.measuring import Progress, SectionName, Settings
 from fleet.bench.processes import StartupRow
 from fleet.bench.report import SECTIONS, Figures, Report, judge
 from fleet.cli import app
-from fleet.run.processes import ProcessFailedError
 from world.inbox import Inbox
 
 LITTLE = ("--robots", 2, "--crossings", 2, "--steps", 4, "--decisions", 4, "--rounds", 5, "--starts", 1)
@@ -125,7 +125,7 @@ def test_a_round_over_the_bus_ends_with_the_last_command_and_says_whose_is_lost(
     inbox = Inbox(["1", "2", "3"])
     for robot in ("1", "3"):
         inbox.store_command(robot, b"")
-    with pytest.raises(ProcessFailedError, match="no answer of robot 2 within"):
+    with pytest.raises(Refusal, match="no answer of robot 2 within"):
         bus.gather({"1", "2", "3"}, inbox)
     inbox.store_command("2", b"")
     bus.gather({"2"}, inbox)
@@ -146,7 +146,7 @@ def test_what_was_measured_before_an_interruption_or_a_failure_is_kept_and_calle
     def measure(_settings: Settings, progress: Progress) -> Iterator[StartupRow]:
         yield ROW
         if status == 3:
-            raise ProcessFailedError(ends)
+            raise Refusal(ends, ExitStatus.FAILED)
         signal.raise_signal(signal.SIGINT)
         progress.begin("the next row")
         raise AssertionError("it went on")
