@@ -124,51 +124,16 @@ def test_a_signal_while_waiting_for_a_command_interrupts_the_run(start, endpoint
     assert [truth.verdict for truth in bench.truths] == [None] * 6 + ["interrupted"]
 
 
-def test_a_robot_whose_token_goes_is_braked_and_not_waited_for(start, endpoint):
-    world = start(lanes(2, time_limit_s=3.0))
-    with TruthRecorder(endpoint) as bench, Robot(endpoint, "1"), Robot(endpoint, "2", silent_from=5) as two:
-        bench.reached(5)
-        two.leave()
-        last = bench.ended()
-        assert world.end()[0] == 1
-    assert last.verdict == "timeout"
-    assert [truth.step for truth in bench.truths] == list(range(31))
-    assert last.robots["1"].arrived_s == pytest.approx(2.0)
-    assert last.robots["1"].deadline_misses == 0
-    assert last.robots["2"].deadline_misses == 25
-    assert last.robots["2"].state.speed_mps == pytest.approx(0.0, abs=1e-6)
-    assert "robot lost" in world.log
-
-
-def test_in_real_time_a_silent_robot_does_not_hold_up_the_others(start, endpoint):
-    world = start(lanes(2, step_s=0.05, time_limit_s=0.5), "--clock", "realtime")
-    with TruthRecorder(endpoint) as bench, Robot(endpoint, "1"), Robot(endpoint, "2", silent_from=0):
-        last = bench.ended()
-        assert world.end()[0] == 1
-    assert last.verdict == "timeout"
-    assert [truth.step for truth in bench.truths] == list(range(11))
-    assert last.robots["2"].deadline_misses == 10
-
-
-def asked_for_scene(endpoint, world):
-    """What the scene's queryable answers, once the world is there."""
+@pytest.mark.parametrize("exchange_goals", [False, True])
+def test_the_scene_tells_everything_but_the_goals_unless_asked_to(start, endpoint, exchange_goals):
+    scenario = lanes(2, safety_margin_m=0.3)
+    world = start(scenario, *["--exchange-goals"] * exchange_goals)
     world.wait_for("waiting for robots")
     with connect(endpoint) as session:
         (reply,) = session.get(KEYS.scene)
-    return decode(PublicScene, reply.ok.payload.to_bytes()).scene
-
-
-def test_the_scene_tells_everything_but_the_goals(start, endpoint):
-    scenario = lanes(2, safety_margin_m=0.3)
-    scene = asked_for_scene(endpoint, start(scenario))
-    assert scene.goals is None
-    assert scene == scenario.scene(with_goals=False)
-
-
-def test_the_scene_tells_the_goals_when_asked_to(start, endpoint):
-    scenario = lanes(2)
-    scene = asked_for_scene(endpoint, start(scenario, "--exchange-goals"))
-    assert scene.goals == {robot.id: robot.goal_pose() for robot in scenario.robots}
+    scene = decode(PublicScene, reply.ok.payload.to_bytes()).scene
+    assert scene == scenario.scene(with_goals=exchange_goals)
+    assert (scene.goals is not None) is exchange_goals
 
 
 def test_a_robot_that_comes_before_the_world_waits_for_it(start, endpoint):

@@ -102,10 +102,6 @@ class Robot:
             answer = command(self.name, seen.step, sprint(seen.step), epoch=seen.epoch)
             self._commands.put(encode(answer))
 
-    def leave(self):
-        """Drop the token, and nothing else."""
-        self._token.undeclare()
-
     def __enter__(self):
         return self
 

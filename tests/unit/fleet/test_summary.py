@@ -136,13 +136,6 @@ def test_degradations_of_an_earlier_epoch_do_not_count(
     assert (content["degraded"], content["interventions"]) == ({}, 0)
 
 
-def test_there_is_no_duration_unless_all_arrived(facts: RunFacts, make_truth: Any) -> None:
-    content = summarise(facts, [make_truth(9, {"1": {"arrived_s": 0.5}, "2": {}}, verdict="deadlock")])
-    assert content["duration_s"] is None
-    assert [robot["arrived_s"] for robot in content["robots"]] == [0.5, None]
-    assert content["verdict"] == "deadlock"
-
-
 def test_a_robot_that_vanished_keeps_its_part(facts: RunFacts, make_truth: Any) -> None:
     content = summarise(
         facts,
@@ -156,20 +149,23 @@ def test_a_robot_that_vanished_keeps_its_part(facts: RunFacts, make_truth: Any) 
     assert content["duration_s"] is None
 
 
-def test_a_run_that_ended_before_any_truth_has_a_summary(facts: RunFacts) -> None:
-    content = summarise(facts, [])
-    assert content["verdict"] == "interrupted"
-    assert (content["steps"], content["duration_s"], content["robots"]) == (0, None, [])
-
-
-def test_the_caller_says_how_a_run_without_verdict_ended(facts: RunFacts, make_truth: Any) -> None:
-    unjudged = [make_truth(1, {"1": {}})]
-    assert summarise(facts, unjudged)["verdict"] == "interrupted"
-    assert summarise(facts, unjudged, "failed")["verdict"] == "failed"
-
-
-def test_the_verdict_of_the_referee_stands(facts: RunFacts, make_truth: Any) -> None:
-    assert summarise(facts, [make_truth(1, {"1": {}}, verdict="arrived")], "failed")["verdict"] == "arrived"
+@pytest.mark.parametrize(
+    ("robots", "verdict", "without", "expected"),
+    [
+        (None, None, "interrupted", ("interrupted", 0, None, [])),  # before any truth
+        ({"1": {}}, None, "interrupted", ("interrupted", 9, None, [None])),
+        ({"1": {}}, None, "failed", ("failed", 9, None, [None])),
+        ({"1": {"arrived_s": 0.5}}, "arrived", "failed", ("arrived", 9, 0.5, [0.5])),  # the referee's stands
+        ({"1": {"arrived_s": 0.5}, "2": {}}, "deadlock", "failed", ("deadlock", 9, None, [0.5, None])),
+    ],
+)
+def test_the_verdict_and_the_duration_however_a_run_ended(
+    facts: RunFacts, make_truth: Any, robots: Any, verdict: Any, without: str, expected: tuple[Any, ...]
+) -> None:
+    truths = [] if robots is None else [make_truth(9, robots, verdict=verdict)]
+    content = summarise(facts, truths, without)
+    arrivals = [robot["arrived_s"] for robot in content["robots"]]
+    assert (content["verdict"], content["steps"], content["duration_s"], arrivals) == expected
 
 
 def test_a_recording_gives_the_same_summary_as_the_run(

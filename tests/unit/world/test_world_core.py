@@ -85,13 +85,6 @@ def test_a_sprint_arrives_when_and_where_the_sums_say():
         world.advance({})
 
 
-def test_the_truth_shows_the_inputs_that_led_to_the_step():
-    world = World(lanes(1), seed=0, epoch=EPOCH)
-    world.advance({"1": command("1", 0, 1.25, -0.5)})
-    robot = world.truth().robots["1"]
-    assert (robot.acceleration_mps2, robot.turn_rate_radps) == (1.25, -0.5)
-
-
 def test_robots_start_standing_where_the_scenario_says_and_see_it_at_step_0():
     world = World(lanes(2), seed=0, epoch=EPOCH)
     observation = world.observations()["2"]
@@ -136,22 +129,6 @@ def test_a_robot_without_a_valid_command_drives_what_its_last_one_said_for_then_
     robots = world.truth().robots
     assert {name: robot.deadline_misses for name, robot in robots.items()} == {"1": 1, "2": 2}
     assert {name: robot.clipped_commands for name, robot in robots.items()} == {"1": 0, "2": 0}
-
-
-def test_what_a_command_says_for_the_next_step_is_forgotten_once_that_step_has_its_own():
-    world = moving_world()
-    world.advance({robot: command(robot, 10, 1.0) for robot in world.robots})
-    world.advance({})
-    assert applied(world, "1") == (0.0, BRAKING_MPS2)
-
-
-def test_a_fallback_beyond_reach_is_brought_within_it_and_is_no_clipped_command():
-    world = World(lanes(1, length_m=9.0, limits=Limits()), seed=0, epoch=EPOCH)
-    world.advance({"1": command("1", 0, 0.5, then=(-9.0, 9.0))})
-    world.advance({})
-    assert applied(world, "1") == pytest.approx((-0.05, 1.2))
-    robot = world.truth().robots["1"]
-    assert (robot.deadline_misses, robot.clipped_commands) == (1, 0)
 
 
 PAIRS = st.tuples(st.floats(-2.0, 2.0), st.floats(-4.0, 4.0))
@@ -243,16 +220,3 @@ def test_commands_of_robots_outside_the_scenario_change_nothing():
     world.advance(valid)
     other.advance(valid | {"9": command("9", 10)})
     assert world.truth() == other.truth()
-
-
-def test_an_interrupted_world_is_over_at_its_present_step():
-    world = moving_world()
-    world.interrupt()
-    assert world.over
-    assert (world.truth().verdict, world.truth().step) == ("interrupted", 10)
-
-
-def test_a_run_that_starts_at_its_goals_is_over_at_step_0():
-    world = World(lanes(2, length_m=0.05), seed=0, epoch=EPOCH)
-    assert world.over
-    assert world.truth().verdict == "arrived"

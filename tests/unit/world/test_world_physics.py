@@ -27,12 +27,6 @@ def test_constant_acceleration_on_a_straight_line_follows_the_euler_sums():
         assert state.y_m == pytest.approx(-2.0 + way * math.sin(heading), abs=1e-12)
 
 
-def test_the_first_step_from_standstill_moves_nothing():
-    state = roll(FREE, VehicleState(3.0, 4.0, 0.0, 0.0), Input(1.0, 3.0), 1)[-1]
-    assert (state.x_m, state.y_m) == (3.0, 4.0)
-    assert (state.heading_rad, state.speed_mps) == pytest.approx((0.1, 0.3))
-
-
 @pytest.mark.parametrize(("speed", "turn_rate"), [(2.0, 1.0), (2.0, -1.5), (-1.0, 0.7)])
 def test_constant_speed_and_turn_rate_drive_a_regular_polygon(speed, turn_rate):
     states = roll(FREE, VehicleState(0.0, 0.0, 0.3, speed), Input(turn_rate, 0.0), 60)
