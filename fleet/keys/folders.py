@@ -42,8 +42,6 @@ from protocol.keys import WORLD_NAME
 
 AUTHORITY_FOLDER: Final = "authority"
 FILES: Final = {AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE}
-_PRIVATE: Final = 0o600
-_PUBLIC: Final = 0o644
 
 
 def create(directory: Path, devices: Iterable[Device], now: datetime, days: int, authority_days: int) -> None:
@@ -74,7 +72,7 @@ def create(directory: Path, devices: Iterable[Device], now: datetime, days: int,
         whole = Path(beside) / "whole"
         whole.mkdir(mode=0o700)
         _write_authority(whole / AUTHORITY_FOLDER, authority)
-        _write(whole / AUTHORITY_FOLDER / KEY_FILE, authority.key_pem, _PRIVATE)
+        _write(whole / AUTHORITY_FOLDER / KEY_FILE, authority.key_pem)
         for device in devices:
             write_device(whole / device.folder, authority, authority.issue(device, now, days))
         whole.rename(directory)
@@ -103,8 +101,8 @@ def issue(directory: Path, devices: Sequence[Device], now: datetime, days: int) 
         _refuse_foreign_files(directory / device.folder)
     with TemporaryDirectory(prefix=".issued-", dir=directory) as beside:
         new, old = Path(beside) / "new", Path(beside) / "old"
-        new.mkdir(mode=0o700)
-        old.mkdir(mode=0o700)
+        new.mkdir()
+        old.mkdir()
         for device in devices:
             write_device(new / device.folder, authority, authority.issue(device, now, days))
         with Interruption():  # a Ctrl-C between the two steps waits for the second
@@ -163,17 +161,18 @@ def write_device(folder: Path, authority: Authority, credentials: Credentials) -
         OSError: it cannot be written.
     """
     _write_authority(folder, authority)
-    _write(folder / CERTIFICATE_FILE, credentials.certificate_pem, _PUBLIC)
-    _write(folder / KEY_FILE, credentials.key_pem, _PRIVATE)
+    _write(folder / CERTIFICATE_FILE, credentials.certificate_pem)
+    _write(folder / KEY_FILE, credentials.key_pem)
 
 
 def _write_authority(folder: Path, authority: Authority) -> None:
     folder.mkdir(mode=0o700)
-    _write(folder / AUTHORITY_FILE, authority.certificate_pem, _PUBLIC)
+    _write(folder / AUTHORITY_FILE, authority.certificate_pem)
 
 
-def _write(path: Path, content: bytes, mode: int) -> None:
-    """Write a new file that never had more than this mode, and is on the disk afterwards."""
+def _write(path: Path, content: bytes) -> None:
+    """Write a new file that nobody else could read for a moment if it is private, and that is on the disk."""
+    mode = 0o600 if path.name == KEY_FILE else 0o644
     with open(path, "xb", opener=lambda name, flags: os.open(name, flags, mode)) as file:
         file.write(content)
         file.flush()

@@ -12,7 +12,6 @@ from typer.testing import CliRunner
 
 from chassis.refusal import ExitStatus, Refusal
 from fleet.bench import bus
-from fleet.bench.bus import Protection
 from fleet.bench.measuring import Progress, SectionName, Settings
 from fleet.bench.processes import StartupRow
 from fleet.bench.report import SECTIONS, Figures, Report, judge
@@ -91,33 +90,6 @@ def test_without_reference_nothing_is_compared():
     assert json.loads(result.stdout)["figures"]["comparison"] == []
 
 
-@pytest.mark.slow
-def test_real_processes_are_measured(tmp_path: Path):
-    path = tmp_path / "report.json"
-    sections = ("--only", "bus", "--only", "runs", "--only", "startup")
-    result = unspoken_bench(*sections, *LITTLE, "--json", path)
-    assert result.exit_code == 0, result.output
-    figures = Report.model_validate_json(path.read_text()).figures
-    assert [row.protection for row in figures.bus] == list(Protection)
-    for exchange in figures.bus:
-        assert (exchange.robots, exchange.rounds) == (2, 5)
-        assert 0.0 < exchange.wall.median_ms <= exchange.wall.p99_ms <= exchange.wall.max_ms
-    lockstep, realtime = figures.runs
-    assert (lockstep.clock, lockstep.verdict, lockstep.deadline_misses) == ("lockstep", "arrived", 0)
-    assert realtime.clock == "realtime"
-    assert realtime.steps_per_s <= 10.5
-    assert realtime.deadline_misses_percent == pytest.approx(
-        100.0 * realtime.deadline_misses / (2 * realtime.steps)
-    )
-    alone, together = figures.startup
-    assert (alone.together, together.together) == (1, 2)
-    for row in (alone, together):
-        assert row.ready_s > 0.0
-        assert row.cpu_s > 0.0
-        assert row.resident_mib > 20.0  # a Python with numpy
-    assert lockstep.agent_resident_mib > 20.0
-
-
 def test_a_round_over_the_bus_ends_with_the_last_command_and_says_whose_is_lost(
     monkeypatch: pytest.MonkeyPatch,
 ):
@@ -129,14 +101,6 @@ def test_a_round_over_the_bus_ends_with_the_last_command_and_says_whose_is_lost(
         bus.gather({"1", "2", "3"}, inbox)
     inbox.store_command("2", b"")
     bus.gather({"2"}, inbox)
-
-
-@pytest.mark.slow
-def test_compiling_from_nothing_takes_longer_than_loading():
-    result = unspoken_bench("--only", "compiling", "--json", "-")
-    empty, full = Report.model_validate_json(result.stdout).figures.compiling
-    assert (empty.cache, full.cache) == ("empty", "full")
-    assert empty.cpu_s > 2.0 * full.cpu_s > 0.0
 
 
 @pytest.mark.parametrize(("ends", "status"), [("Ctrl-C", 1), ("robot-1 was killed by signal 9", 3)])
