@@ -123,48 +123,25 @@ def _speed_when_releasing(limits: Limits, previous: Input, speed_mps: float, ste
 
 
 @given(driving(), STEPS_S)
-def test_braking_takes_at_most_three_steps_more_than_the_time_optimal_stop(
-    start: tuple[Limits, Input, float], step_s: float
-) -> None:
-    steps = len(brake(*start, step_s)) - 1
-    assert steps <= _time_optimal_stop_s(*start) / step_s + 3
-
-
-@given(driving(), STEPS_S)
-def test_braking_never_leaves_the_input_and_rate_limits(
-    start: tuple[Limits, Input, float], step_s: float
-) -> None:
-    limits = start[0]
-    course = [step[0] for step in brake(*start, step_s)]
-    for before, after in pairwise(course):
-        turn_rate_change, acceleration_change = (abs(b - a) for a, b in zip(before, after, strict=True))
-        assert abs(after.turn_rate_radps) <= limits.turn_rate_radps
-        assert abs(after.acceleration_mps2) <= limits.acceleration_mps2
-        assert turn_rate_change <= limits.turn_acceleration_radps2 * step_s + ROUNDING
-        assert acceleration_change <= limits.jerk_mps3 * step_s + ROUNDING
-
-
-@given(driving(), STEPS_S)
-def test_braking_changes_the_sign_of_the_speed_only_as_far_as_the_jerk_limit_makes_unavoidable(
+def test_braking_ends_at_rest_soon_within_all_limits_and_without_overshooting(
     start: tuple[Limits, Input, float], step_s: float
 ) -> None:
     """Whoever still decelerates hard when almost standing rolls back, whatever the next inputs are."""
-    _, _, speed = start
+    limits, first, speed = start
+    course = brake(*start, step_s)
+    assert len(course) - 1 <= _time_optimal_stop_s(*start) / step_s + 3
     unavoidable = _speed_when_releasing(*start, step_s)
     lowest, highest = min(0.0, speed, unavoidable), max(0.0, speed, unavoidable)
-    for _, reached in brake(*start, step_s):
+    for (before, _), (after, reached) in pairwise(course):
+        assert abs(after.turn_rate_radps) <= limits.turn_rate_radps
+        assert abs(after.acceleration_mps2) <= limits.acceleration_mps2
+        change = limits.jerk_mps3 * step_s + ROUNDING
+        assert abs(after.acceleration_mps2 - before.acceleration_mps2) <= change
         assert lowest - ROUNDING <= reached <= highest + ROUNDING
-
-
-@given(driving(), STEPS_S)
-def test_braking_takes_the_turn_rate_to_zero_as_fast_as_allowed(
-    start: tuple[Limits, Input, float], step_s: float
-) -> None:
-    limits, previous, speed = start
-    expected = max(0.0, abs(previous.turn_rate_radps) - limits.turn_acceleration_radps2 * step_s)
-    braked = braking_input(limits, previous, speed, step_s)
-    assert abs(braked.turn_rate_radps) == pytest.approx(expected, abs=ROUNDING)
-    assert braked.turn_rate_radps * previous.turn_rate_radps >= 0
+        # The turn rate goes to zero as fast as it can.
+        slower = max(0.0, abs(before.turn_rate_radps) - limits.turn_acceleration_radps2 * step_s)
+        assert abs(after.turn_rate_radps) == pytest.approx(slower, abs=ROUNDING)
+        assert after.turn_rate_radps * first.turn_rate_radps >= 0
 
 
 def test_a_vehicle_that_stands_stays() -> None:
