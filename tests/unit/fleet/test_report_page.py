@@ -11,8 +11,8 @@ from reporting_helpers import Parsed, never, page_of, row, unspoken_report, writ
 
 from fleet.evaluate.evaluation import Run
 from fleet.evaluate.results import EXPERIMENT, RUNS, Row
-from fleet.report.boxes import Chart
-from fleet.report.published import publication
+from fleet.report.data import publication
+from fleet.report.figures import Chart
 
 STEMS = ("a", "b", "c", "d", "e")
 METHODS = ("exchanged", "ioc", "joint-fit")

@@ -10,7 +10,7 @@ from reporting_helpers import never, page_of, row, unspoken_report, write_evalua
 from fleet.evaluate.evaluation import Evaluation
 from fleet.evaluate.results import DIED, EXPERIMENT, RUNS, Row
 from fleet.evaluate.running import execute
-from fleet.report import conducting, rerunning
+from fleet.report import command, worst
 from fleet.report.worst import worst_runs
 from protocol.scenario import load_scenario
 
@@ -93,7 +93,7 @@ def test_it_is_told_when_the_software_drives_otherwise_now(tmp_path: Path):
 
 
 def test_a_run_that_fails_again_is_drawn_as_far_as_it_came(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    whole = rerunning.closed_loop
+    whole = worst.closed_loop
 
     def breaking(*arguments):
         for moment in whole(*arguments):
@@ -101,7 +101,7 @@ def test_a_run_that_fails_again_is_drawn_as_far_as_it_came(tmp_path: Path, monke
                 raise ArithmeticError("no way")
             yield moment
 
-    monkeypatch.setattr(rerunning, "closed_loop", breaking)
+    monkeypatch.setattr(worst, "closed_loop", breaking)
     out = tmp_path / "out"
     write_evaluation(
         out,
@@ -120,7 +120,7 @@ def test_a_run_that_fails_again_is_drawn_as_far_as_it_came(tmp_path: Path, monke
 def test_a_run_that_killed_its_worker_is_not_made_in_this_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(rerunning, "closed_loop", None)
+    monkeypatch.setattr(worst, "closed_loop", None)
     out = tmp_path / "out"
     write_evaluation(out, ("short",), lambda run: Row.without_result(run.key, 2, DIED), goals=("ioc",))
     assert unspoken_report(out, "--worst", 1).exit_code == 0
@@ -129,7 +129,7 @@ def test_a_run_that_killed_its_worker_is_not_made_in_this_process(
 
 
 def test_ctrl_c_leaves_no_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    whole, steps = rerunning.closed_loop, []
+    whole, steps = worst.closed_loop, []
 
     def interrupted(*arguments):
         for moment in whole(*arguments):
@@ -138,7 +138,7 @@ def test_ctrl_c_leaves_no_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
                 signal.raise_signal(signal.SIGINT)
             yield moment
 
-    monkeypatch.setattr(rerunning, "closed_loop", interrupted)
+    monkeypatch.setattr(worst, "closed_loop", interrupted)
     out = tmp_path / "out"
     write_evaluation(out, ("short",), never, goals=("exchanged", "ioc"))
     result = unspoken_report(out)
@@ -152,10 +152,10 @@ def test_a_disk_that_takes_nothing_is_told(tmp_path: Path, monkeypatch: pytest.M
     def full(path: Path, _content: object) -> None:
         raise OSError(28, "No space left on device", str(path))
 
-    monkeypatch.setattr(conducting, "write_whole", full)
+    monkeypatch.setattr(command, "write_whole", full)
     write_evaluation(tmp_path / "out", ("short",), row)
     result = unspoken_report(tmp_path / "out", "--worst", 0)
-    assert result.exit_code == 2
+    assert result.exit_code == 3
     assert "report-duration.png: cannot be written: No space left on device" in result.stderr
     assert not (tmp_path / "out" / "report.html").exists()
 
@@ -164,7 +164,7 @@ def test_a_disk_that_takes_nothing_is_told(tmp_path: Path, monkeypatch: pytest.M
 def test_so_many_are_shown_as_are_asked_for_and_there_are(
     tmp_path: Path, count: int, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(rerunning, "closed_loop", lambda *_: iter(()))
+    monkeypatch.setattr(worst, "closed_loop", lambda *_: iter(()))
     out = tmp_path / "out"
     write_evaluation(out, ("short",), never, goals=("exchanged", "ioc"))
     assert unspoken_report(out, "--worst", count).exit_code == 0

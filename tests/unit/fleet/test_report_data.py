@@ -4,11 +4,12 @@ import math
 import random
 import statistics as plain
 
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fleet.report.statistics import compare, median, median_with_missing
+from fleet.report.data import compare, median, median_with_unfinished
 
 DURATIONS_S = st.floats(0.5, 60.0)
 
@@ -20,10 +21,14 @@ def brute_force(values: list[float], statistic, resamples: int) -> tuple[float, 
     return told[round(0.025 * resamples)], told[round(0.975 * resamples)]
 
 
+def series(values: dict[object, float]) -> "pd.Series[float]":
+    return pd.Series(values, dtype=float)
+
+
 def test_the_interval_of_a_median_agrees_with_a_bootstrap_written_as_a_loop():
     generator = random.Random(1)
     values = [generator.gauss(8.0, 1.5) for _ in range(40)]
-    estimate = median(values)
+    estimate = median(pd.Series(values))
     low, high = brute_force(values, plain.median, 4000)
     assert estimate.value == plain.median(values)
     assert estimate.low == pytest.approx(low, abs=0.1)
@@ -34,7 +39,7 @@ def test_two_methods_are_resampled_scenario_by_scenario():
     generator = random.Random(2)
     theirs = {str(i): generator.uniform(5.0, 15.0) for i in range(40)}
     ours = {scenario: 1.1 * value + generator.gauss(0.0, 0.1) for scenario, value in theirs.items()}
-    compared = compare(ours, theirs)
+    compared = compare(series(ours), series(theirs))
     pairs = [(ours[scenario], theirs[scenario]) for scenario in theirs]
 
     def ratio(chosen):
@@ -56,12 +61,12 @@ def test_two_methods_are_resampled_scenario_by_scenario():
 )
 def test_only_scenarios_with_both_values_are_compared(ours, theirs):
     both = ours.keys() & theirs.keys()
-    compared = compare(ours, theirs)
+    compared = compare(series(ours), series(theirs))
     if not both:
         assert compared is None
         return
     differences = [ours[each] - theirs[each] for each in both]
-    assert compared.scenarios == len(both) == compared.less + compared.equal + compared.more
+    assert len(both) == compared.less + compared.equal + compared.more
     assert compared.difference.value == pytest.approx(plain.median(differences))
     assert compared.less == sum(each < -1e-9 for each in differences)
     assert compared.more == sum(each > 1e-9 for each in differences)
@@ -69,23 +74,26 @@ def test_only_scenarios_with_both_values_are_compared(ours, theirs):
 
 @pytest.mark.parametrize("values", [[5.0, 5.0, 5.0], [5.0, 7.0]])
 def test_an_interval_holds_its_value_and_lies_within_the_sample(values):
-    estimate = median(values)
+    estimate = median(pd.Series(values))
     assert min(values) <= estimate.low <= estimate.value <= estimate.high <= max(values)
 
 
 def test_one_scenario_has_a_value_without_an_interval_and_none_has_nothing():
-    assert median([7.5]) == (7.5, None, None)
-    assert median([]) is None
-    assert compare({"a": 6.0}, {"a": 5.0}).ratio == (1.2, None, None)
+    assert median(series({"a": 7.5})) == (7.5, None, None)
+    assert median(series({"a": math.nan})) is None
+    assert compare(series({"a": 6.0}), series({"a": 5.0})).ratio == (1.2, None, None)
 
 
 def test_the_same_numbers_give_the_same_interval_in_whatever_order_they_are_asked_for():
-    first, _, third = median([1.0, 2.0, 4.0, 8.0]), median([3.0, 5.0]), median([1.0, 2.0, 4.0, 8.0])
+    values, others = pd.Series([1.0, 2.0, 4.0, 8.0]), pd.Series([3.0, 5.0])
+    first, _, third = median(values), median(others), median(values)
     assert first == third
 
 
-@given(st.lists(DURATIONS_S, max_size=8), st.integers(1, 8))
-def test_what_is_missing_counts_as_longer_than_everything(values, missing):
-    expected = plain.median([*values, *[1e9] * missing])
-    told = median_with_missing(values, missing)
+@given(st.lists(DURATIONS_S, max_size=8), st.lists(DURATIONS_S | st.none(), min_size=1, max_size=8))
+def test_what_is_unfinished_counts_as_longer_than_everything(finished, unfinished):
+    expected = plain.median([*finished, *[1e9] * len(unfinished)])
+    values = pd.Series([*finished, *unfinished], dtype=float)
+    is_unfinished = pd.Series([index >= len(finished) for index in range(len(values))])
+    told = median_with_unfinished(values, is_unfinished)
     assert told == expected if expected <= 60.0 else math.isinf(told)

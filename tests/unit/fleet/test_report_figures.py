@@ -1,20 +1,17 @@
 """What box plots show, read from their axes."""
 
 import statistics
+from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluation_helpers import SHORT
+from evaluation_helpers import SHORT, evaluation_of, write_suite
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
+from reporting_helpers import row
 
-from fleet.evaluate.results import Row
-from fleet.report import published
-from fleet.report.boxes import BEYOND, COLLISION, DOT, PUBLISHED, Chart
-from fleet.report.charts import charts, collision_distance_m
-from fleet.report.measures import Group
+from fleet.report.data import Data, publication
+from fleet.report.figures import BEYOND, COLLISION, DOT, PUBLISHED, Chart, charts, collision_distance_m
 from protocol.scenario import Scenario
 
 DURATIONS_S = {"exchanged": [6.0, 7.0, 6.5, 9.0, 20.0], "joint-fit": [7.0, 7.5, 8.0, 8.5, 10.0]}
@@ -22,40 +19,28 @@ DISTANCES_M = [1.39, 1.4, 0.9, 1.45, 5.0]
 PAIR = Scenario(name="pair", **SHORT)
 
 
-def group(method: str) -> Group:
-    rows = [
-        Row(
-            scenario=str(index),
-            robots=2,
-            method=method,
-            solver="realtime",
-            noise="none",
-            seed=0,
-            verdict="collision" if distance_m < 0.99 else "arrived",
-            duration_s=duration_s,
-            robot_duration_mean_s=duration_s - 1.0,
-            minimum_distance_m=distance_m,
-            collisions=int(distance_m < 0.99),
-        )
-        for index, (duration_s, distance_m) in enumerate(zip(DURATIONS_S[method], DISTANCES_M, strict=True))
-    ]
-    return Group(method, "none", rows)
-
-
 @pytest.fixture(scope="module")
-def drawn() -> dict[str, Chart]:
-    return charts([group(method) for method in DURATIONS_S], [PAIR])
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Chart]:
+    suite: Path = write_suite(tmp_path_factory.mktemp("drawn") / "suite", *"01234")
+    evaluation = evaluation_of(suite, goals=tuple(DURATIONS_S))
+    rows = []
+    for run in evaluation.runs():
+        distance_m = DISTANCES_M[int(run.key.scenario)]
+        duration_s = DURATIONS_S[run.key.method][int(run.key.scenario)]
+        figures = {"duration_s": duration_s, "robot_duration_mean_s": duration_s - 1.0}
+        hit = int(distance_m < 0.99)
+        rows.append(row(run, **figures, minimum_distance_m=distance_m, collisions=hit))
+    (level,) = Data(evaluation, rows, "exchanged").levels
+    return charts(level, [PAIR])
 
 
 def axes_of(chart: Chart) -> Axes:
-    figure = Figure()
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    chart.draw(axes)
+    (axes,) = chart.figure().axes
     return axes
 
 
-def marked(axes: Axes, marker: str) -> list[float]:
+def marked(axes: Axes, style: dict[str, object]) -> list[float]:
+    marker = style["marker"]
     return sorted(float(x) for line in axes.lines if line.get_marker() == marker for x in line.get_xdata())
 
 
@@ -67,12 +52,11 @@ def boxes(axes: Axes) -> list[tuple[float, float]]:
 
 
 def test_boxes_are_the_quartiles_of_each_method_from_top_to_bottom(drawn: dict[str, Chart]):
-    told = boxes(axes_of(drawn["duration"]))
     expected = []
     for durations_s in DURATIONS_S.values():
         low, _, high = statistics.quantiles(durations_s, n=4, method="inclusive")
         expected += [(low, high), (low - 1.0, high - 1.0)]
-    assert np.array(told) == pytest.approx(np.array(expected))
+    assert np.array(boxes(axes_of(drawn["duration"]))) == pytest.approx(np.array(expected))
 
 
 def test_every_scenario_is_a_dot_and_those_with_a_collision_are_crosses(drawn: dict[str, Chart]):
@@ -83,13 +67,23 @@ def test_every_scenario_is_a_dot_and_those_with_a_collision_are_crosses(drawn: d
     assert marked(axes, DOT) == sorted(others + [each - 1.0 for each in others])
 
 
+def test_measures_of_different_size_have_axes_of_their_own(drawn: dict[str, Chart]):
+    by_all, by_one = drawn["driven"].figure().axes
+    assert marked(by_all, DOT) == [16.0] * 8
+    assert marked(by_one, DOT) == [8.0] * 8
+
+
 def test_published_medians_are_marked_for_the_published_methods_only(drawn: dict[str, Chart]):
-    forty = published.publication()["forty_scenarios"]
+    forty = publication()["forty_scenarios"]
     medians_s = [forty[key]["median"][0] for key in ("duration_per_robot_s", "duration_all_robots_s")]
     assert marked(axes_of(drawn["duration"]), PUBLISHED) == sorted(medians_s)
     assert marked(axes_of(drawn["distance"]), PUBLISHED) == forty["minimum_distance_m"]["smallest"][:1]
-    times_ms = [1000.0 * forty["solve_time_planning_s"]["median"][0]]
-    assert marked(axes_of(drawn["times"]), PUBLISHED) == pytest.approx(times_ms)
+    times_ms = [
+        1000.0 * forty[f"solve_time_{phase}_s"]["median"][0]
+        for phase in ("planning", "prediction")
+        if forty[f"solve_time_{phase}_s"]["median"][0] is not None
+    ]
+    assert marked(axes_of(drawn["times"]), PUBLISHED) == pytest.approx(sorted(times_ms))
 
 
 def test_distances_have_the_line_of_collisions_and_end_where_nobody_meets(drawn: dict[str, Chart]):
