@@ -112,16 +112,15 @@ def remarks(data: Data) -> list[str]:
     made = {row.key for row in data.rows}
     missing = [key for key in data.runs if key not in made]
     if missing:
+        methods = _counted(data, [key.method for key in missing])
         said.append(
-            f"Unfinished: {len(missing)} of {len(data.runs)} runs are missing "
-            f"({_counted(data, [key.method for key in missing])}). The same `unspoken evaluate` command with the "
-            "same --out makes them."
+            f"Unfinished: {len(missing)} of {len(data.runs)} runs are missing ({methods}). The same `unspoken "
+            "evaluate` command with the same --out makes them."
         )
-    unfinished = [row.method for row in data.rows if row.duration_s is None]
-    if unfinished:
+    if unfinished := [row.method for row in data.rows if row.duration_s is None]:
         said.append(
-            f"Not all robots arrived in {len(unfinished)} of {len(data.rows)} runs ({_counted(data, unfinished)}). "
-            "Durations and distances driven are those of the others."
+            f"Not all robots arrived in {len(unfinished)} of {len(data.rows)} runs "
+            f"({_counted(data, unfinished)}). Durations and distances driven are those of the others."
         )
     if (data.evaluation.machine.commit or "").endswith("+"):
         said.append("The sources had been changed since the commit that is named here.")
