@@ -114,8 +114,8 @@ def remarks(data: Data) -> list[str]:
     if missing:
         methods = _counted(data, [key.method for key in missing])
         said.append(
-            f"Unfinished: {len(missing)} of {len(data.runs)} runs are missing ({methods}). The same `unspoken "
-            "evaluate` command with the same --out makes them."
+            f"Unfinished: {len(missing)} of {len(data.runs)} runs are missing ({methods}). The same "
+            "`unspoken evaluate` command with the same --out makes them."
         )
     if unfinished := [row.method for row in data.rows if row.duration_s is None]:
         said.append(
