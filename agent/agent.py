@@ -63,17 +63,9 @@ class Agent:
         iterations: int = ITERATIONS,
         deadline: Deadline | None = None,
     ) -> Self:
-        """A robot with the method and the solver of these names.
+        """A robot with the method (``agent.methods``) and the solver (``agent.solve``) of these names.
 
-        Args:
-            robot: this robot's id; this and the next two as for the class.
-            goal: its own goal.
-            scene: what everybody may know.
-            goals: how it comes to know what the others will do, as ``agent.methods`` names it.
-            solver: of trajectory problems, as ``agent.solve.joint_solver`` names it.
-            clock: as for the class.
-            iterations: of the real-time solver a problem, at most.
-            deadline: after it a decision improves its trajectories no further; None for no limit.
+        After the deadline, if there is one, a decision improves its trajectories no further.
 
         Raises:
             ValueError: the estimator needs something that the scene does not hold.

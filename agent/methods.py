@@ -30,12 +30,7 @@ class Method(NamedTuple):
 def method_of(name: GoalsName, scene: Scene, robot: str, solver: JointSolver, deadline: Deadline) -> Method:
     """The method of a name for one robot: the publication's with one of its estimators, or a baseline.
 
-    Args:
-        name: of the method.
-        scene: what everybody may know.
-        robot: who decides.
-        solver: of its trajectory problems, which asks the same deadline.
-        deadline: of its decisions.
+    The solver of its trajectory problems is to ask the same deadline.
 
     Raises:
         ValueError: the estimator needs something that the scene does not hold.

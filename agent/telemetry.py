@@ -73,16 +73,7 @@ class Telemetry:
         cut_short_at: int | None,
         watch: Stopwatch,
     ) -> Mind:
-        """The report of one decision; to be called once for each.
-
-        Args:
-            observation: that was decided on.
-            memory: with it.
-            thought: of the decision.
-            interventions: of the collision monitor so far.
-            cut_short_at: see :class:`agent.solve.deadline.Deadline`.
-            watch: that timed the decision.
-        """
+        """The report of one decision, to be made once; interventions of the monitor are those so far."""
         self._solver_failures += len(thought.failed)
         paths = thought.prediction.paths if thought.prediction else {}
         return Mind(

@@ -27,11 +27,7 @@ class Action(NamedTuple):
 
 
 class Driver:
-    """Drives one robot by its plans, and brakes where it must not.
-
-    Args:
-        scene: limits and distances.
-        robot: which one.
+    """Drives one robot by its plans, and brakes where it must not follow them.
 
     Attributes:
         history: its last commands.
@@ -47,25 +43,17 @@ class Driver:
         self.history = CommandHistory(robot, self._limits, scene.step_s)
 
     def act(self, observation: Observation, memory: Memory, previous: Input, thought: Thought) -> Action:
-        """The command of a step; to be called once a step.
-
-        Args:
-            observation: that it answers.
-            memory: with what was believed of it.
-            previous: input of the step before.
-            thought: what is thought of it.
-        """
+        """The command that answers an observation, after the previous input and by what was thought of it."""
         self.monitor.watch(memory, thought.prediction, observation.accuracy)
         self._vigilance.look(memory, observation.age_steps)
         speed_mps = float(memory.state(self._robot)[3])
         control, then, emergency = self._inputs(memory, previous, speed_mps, thought)
-        turn_rate, acceleration = control
         command = Command(
             epoch=observation.epoch,
             robot=self._robot,
             step=observation.step,
-            turn_rate_radps=turn_rate,
-            acceleration_mps2=acceleration,
+            turn_rate_radps=control.turn_rate_radps,
+            acceleration_mps2=control.acceleration_mps2,
             then=then,
         )
         self.history.add(command, speed_mps)
@@ -117,13 +105,7 @@ def failure_input(limits: Limits, previous: Input, speed_mps: float, step_s: flo
 
 
 class CommandHistory:
-    """The last commands of one robot that came in time, as far as it knows.
-
-    Args:
-        robot: whose commands they are.
-        limits: of the robot.
-        step_s: Δt in s.
-    """
+    """The last commands of one robot that came in time, as far as it knows."""
 
     def __init__(self, robot: str, limits: Limits, step_s: float) -> None:
         self._robot = robot

@@ -53,12 +53,9 @@ class CollisionMonitor:
         self.interventions = 0
 
     def watch(self, memory: Memory, prediction: Prediction | None, accuracy: Accuracy) -> None:
-        """Compare where the others are with what was expected; to be called once a step.
+        """Compare where the others are with what was expected, once a step.
 
-        Args:
-            memory: with the present states.
-            prediction: of this step, to be held against later; None where there is none.
-            accuracy: of what is seen.
+        The prediction of this step, if there is one, is held against them later.
         """
         step = memory.step
         made = max((made for made in self._expected if made <= step - LOOK_BACK_STEPS), default=None)
@@ -72,12 +69,12 @@ class CollisionMonitor:
             self._expected[step] = prediction.paths
 
     def must_brake(self, memory: Memory, plan: Plan, first: Input, previous: Input) -> bool:
-        """Whether to brake now instead of driving the plan's first input; counts when that begins.
+        """Whether to brake now instead of following the plan; counts when that begins.
 
         Args:
             memory: present states of everybody.
             plan: what the robot means to drive.
-            first: the input that would be driven at this step.
+            first: the input that would be driven of it at this step.
             previous: the input of the step before.
         """
         since = memory.step - DOUBTED_STEPS
@@ -88,9 +85,9 @@ class CollisionMonitor:
         return must
 
     def _off_m(self, expected: Array, memory: Memory, robot: str, accuracy: Accuracy) -> float:
-        """By how much a robot will be elsewhere than expected, beyond what noise explains.
+        """How far a robot will be from where it was expected, beyond noise, when this one could have stopped.
 
-        That is when this robot has come to a stand; ``expected`` are positions (2, 2) now and a step later.
+        ``expected`` are positions (2, 2) now and a step later.
         """
         state, own_speed_mps = memory.state(robot), float(memory.state(self._robot)[3])
         stopping_s = abs(own_speed_mps) / self._limits.acceleration_mps2 + _ramp_s(self._limits)
@@ -129,12 +126,7 @@ class CollisionMonitor:
 
 
 class Vigilance:
-    """Watches out for robots that should be seen: when one that could be in the way is not, it is to stop.
-
-    Args:
-        scene: limits and distances.
-        robot: who looks.
-    """
+    """Watches out for robots that should be seen: when one that could be in the way is not, it is to stop."""
 
     def __init__(self, scene: Scene, robot: str) -> None:
         self._scene = scene
@@ -143,12 +135,7 @@ class Vigilance:
         """Of everybody seen lately, the step and the state."""
 
     def look(self, memory: Memory, age_steps: int = 0) -> None:
-        """Take in who was seen; to be called once a step.
-
-        Args:
-            memory: with what is seen now.
-            age_steps: how old the view of the others is: who was seen so long ago is seen.
-        """
+        """Take in who was seen, once a step; in a view of an age, who was seen so long ago is seen."""
         step = memory.step
         for robot in memory.robots:
             if robot != self._robot:
@@ -200,15 +187,8 @@ def positions_ahead(
 ) -> Array:
     """Where vehicles will be that keep turning as they do and lose speed evenly until they stand.
 
-    Args:
-        states: present ones, shape (n, 4).
-        turn_rates_radps: shape (n,).
-        slowing_mps2: shape (n,); zero for a constant speed.
-        steps: how many positions, the present one included.
-        step_s: Δt in s.
-
-    Returns:
-        Shape (n, steps, 2).
+    From states (n, 4), turn rates (n,) and decelerations (n,), zero for a constant speed; positions
+    (n, steps, 2), the present one first.
     """
     times_s = step_s * np.arange(steps)
     headings = states[:, 2, None] + turn_rates_radps[:, None] * times_s
@@ -220,17 +200,9 @@ def positions_ahead(
 
 
 def gaps_m(path: Array, ways: Array, least_m: Array) -> Array:
-    """Smallest distances between a path and the ways of others, less those that must be kept.
+    """Smallest distances (h, m) of a path (n, 2) from ways of others (h, m, steps, 2), less the least (m,).
 
     Whoever has come to the end of its path stays there.
-
-    Args:
-        path: positions, shape (n, 2), the present one first.
-        ways: positions of others, shape (h, m, steps, 2).
-        least_m: the distances to keep, shape (m,).
-
-    Returns:
-        Shape (h, m).
     """
     own = path[np.minimum(np.arange(ways.shape[2]), len(path) - 1)]
     gaps: Array = np.linalg.norm(ways - own, axis=-1).min(axis=-1) - least_m

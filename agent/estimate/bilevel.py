@@ -7,13 +7,10 @@ position L of the goal, by Levenberg–Marquardt on
 
     Σ_k ‖x̄_k − x_k(L)‖² / σ²  +  ‖L − L⁻‖² / σ_L²
 
-x̄ being the observed states, x(L) the solution and L⁻ the last step's estimate. Taken over: both levels, the
-least squares on observed states, the weak pull towards the last parameters. Different here: only the goal is
-unknown, not weights; the other robots are there as obstacles that move as observed, and from the present on
-straight ahead.
-
-From ``joint_fit`` it differs in that the other robots are taken as given instead of as taking part, in that
-the forward problem is solved to convergence in every iteration, and in that no covariance is carried on.
+x̄ being the observed states, x(L) the solution and L⁻ the last step's estimate. Different here: only the goal
+is unknown, not weights; the other robots are there as obstacles that move as observed, and from the present
+on straight ahead. Unlike ``joint_fit`` it solves to convergence in every iteration, each robot by itself, and
+carries no covariance on.
 """
 
 from typing import NamedTuple
@@ -51,9 +48,7 @@ class Misfit(NamedTuple):
 
     value: float
     gradient: Array
-    """Shape (2,)."""
     curvature: Array
-    """Of Gauss and Newton, shape (2, 2), positive definite."""
 
 
 class Bilevel:
@@ -155,11 +150,7 @@ def fitted(forward: ForwardProblem, last: Array, start: Start, area: Area) -> tu
 def _path(seen: Array, length: int, steps: int, step_s: float) -> Array:
     """Positions (steps + 1, 2) of another robot: as seen up to the present, before and after straight on.
 
-    Args:
-        seen: its states up to the present, shape (n, 4), n from 1 to length + 1.
-        length: steps from the first position to the present.
-        steps: steps from the first position to the last one.
-        step_s: Δt.
+    Seen are its states (n, 4), n from 1 to length + 1; the present is ``length`` steps after the begin.
     """
     back = rollout(seen[0] * [1.0, 1.0, 1.0, -1.0], np.zeros((length + 1 - len(seen), 2)), step_s)
     on = rollout(seen[-1], np.zeros((steps - length, 2)), step_s)

@@ -48,12 +48,10 @@ LONGEST_M = 1.5
 
 
 class Belief(NamedTuple):
-    """What is thought of a goal's position."""
+    """What is thought of a goal's position: mean (2,) in m, covariance (2, 2) in m²."""
 
     mean: Array
-    """Shape (2,), in m."""
     covariance: Array
-    """Shape (2, 2), in m²."""
 
 
 class JointFit:

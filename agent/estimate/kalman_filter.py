@@ -6,10 +6,9 @@ random; what it measures is the present state of all robots, x̄_t = x_K(L) + no
 would have brought them from the states of K_w steps ago. That is no linear function, so the filter is an
 unscented one: 4N + 1 sigma points, the solution of the joint problem for each of them.
 
-Taken over: state, random walk, measurement, unscented transform, warm starts. Different here: the game is
-this project's joint problem; only goals are unknown, not weights; K_w is more than one, since turn rates
-change so little in a step that one step says next to nothing; and all sigma points start from the solution
-for the mean and take a single step of the solver from there. The covariance stays within the filter.
+Different here: the game is this project's joint problem; only goals are unknown, not weights; K_w is more
+than one, since turn rates change so little in a step that one step says next to nothing; and all sigma points
+start from the solution for the mean and take a single step of the solver from there.
 
 Of the same family: Menner, Berntorp and Di Cairano (2021), "A Kalman filter for online calibration of optimal
 controllers", which calibrates the cost of one controller.
@@ -40,27 +39,15 @@ SPREAD = 3.0
 
 
 def sigma_points(mean: Array, covariance: Array) -> Array:
-    """The mean, then the points to both sides of it along a root of the covariance.
-
-    Args:
-        mean: shape (n,).
-        covariance: shape (n, n), positive definite.
-
-    Returns:
-        Shape (2n + 1, n).
-    """
+    """The mean (n,), then points to both sides of it along a root of the covariance, shape (2n + 1, n)."""
     away = np.linalg.cholesky(SPREAD * covariance).T
     return np.concatenate([mean[None], mean + away, mean - away])
 
 
 def updated(points: Array, images: Array, observed: Array, variances: Array) -> tuple[Array, Array]:
-    """Mean (n,) and covariance (n, n) once a measurement is known.
+    """Mean (n,) and covariance (n, n) once a measurement (m,) with independent errors (m,) is known.
 
-    Args:
-        points: the sigma points, shape (2n + 1, n).
-        images: the measurement that each of them predicts, shape (2n + 1, m).
-        observed: the measurement, shape (m,).
-        variances: of its independent errors, shape (m,), all positive.
+    The sigma points (2n + 1, n) each predict the measurement that is their image (2n + 1, m).
     """
     weight = 0.5 / SPREAD
     away, seen = points[1:] - points[0], images[1:] - images[0]

@@ -12,11 +12,6 @@ class Arrivals:
 
     Whoever was seen to arrive without noise has arrived for good, and stays parked in the way of the others;
     under noise it may only have looked like that, and counts as long as it does.
-
-    Args:
-        scene: with the tolerance.
-        robot: who remembers.
-        memory: of that robot.
     """
 
     def __init__(self, scene: Scene, robot: str, memory: Memory) -> None:

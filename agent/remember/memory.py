@@ -30,14 +30,8 @@ class Track:
 
     Exact measurements are states, and gaps between them are filled by interpolation. Noisy ones are filtered
     and smoothed, each step anew over the whole window. Since the last measurement the robot is taken to have
-    gone on with its last input.
-
-    Args:
-        step: of the first measurement; all robots stand at step 0.
-        state: as measured, shape (4,).
-        sigmas: its standard deviations, zero for exact, shape (4,).
-        limits: of the robot.
-        step_s: Δt.
+    gone on with its last input. It begins with a measured state (4,) and its σ (4,), zero for exact; all
+    robots stand at step 0.
 
     Attributes:
         seen_step: step of the last measurement.
@@ -76,10 +70,7 @@ class Track:
         return Input(*found.tolist())
 
     def see(self, step: int, state: Array, sigmas: Array, driven: Input | None) -> None:
-        """Take in a later measurement, and the input that led there if it is known.
-
-        :meth:`go_on` brings the states up to date.
-        """
+        """Take in a later measurement, and the input that led there if it is known; then :meth:`go_on`."""
         gap, last = step - self.seen_step - 1, self._values[-1]
         values, accuracy = np.append(state, [0.0, 0.0]), np.append(sigmas, [np.inf, np.inf])
         values[2] = nearest_turn(values[2], last[2])
@@ -94,8 +85,7 @@ class Track:
         """Bring the states up to a present step; those before the last ``window`` are forgotten."""
         ahead = step - self.seen_step
         old = min(max(len(self._values) + ahead - window, 0), len(self._values) - 1)
-        states = self._as_seen(ahead, old) if self.is_exact else self._smoothed(ahead, old)
-        self.states = states[-window:]
+        self.states = (self._as_seen(ahead, old) if self.is_exact else self._smoothed(ahead, old))[-window:]
         self._values, self._sigmas = self._values[old:], self._sigmas[old:]
 
     def _as_seen(self, ahead: int, old: int) -> Array:
@@ -125,8 +115,7 @@ class Track:
 class Memory:
     """A fixed window of states per robot, one state a step, headings without jumps by whole turns.
 
-    What was measured earlier belongs to that earlier step, and noisy measurements are smoothed
-    (:class:`Track`); whoever reads the states sees nothing of that.
+    Measurements belong to the step at which they were made, and noisy ones are smoothed (:class:`Track`).
 
     Args:
         window: states a robot, at least.

@@ -42,7 +42,6 @@ class OrcaPlanner:
     """Plans one step by ORCA from what this robot sees; near its goal it parks by the planner of eq. 1."""
 
     def __init__(self, scene: Scene, robot: str, parking: Planner) -> None:
-        """ORCA for one robot, and what it parks with."""
         from pyrvo import RVOSimulator
 
         self._simulator = RVOSimulator
@@ -83,15 +82,7 @@ class OrcaPlanner:
 
 
 def tracking_input(velocity: Array, state: Array, limits: Limits, previous: Input, step_s: float) -> Input:
-    """Turn towards a velocity and drive its part along the heading, as quickly as both can settle.
-
-    Args:
-        velocity: wanted, in m/s, shape (2,).
-        state: of the vehicle, shape (4,).
-        limits: of the vehicle.
-        previous: its last input.
-        step_s: Δt.
-    """
+    """Turn towards a velocity (2,) and drive its part along the heading, as quickly as both can settle."""
     size_mps = math.hypot(*velocity)
     turn_rad = wrap_angle(math.atan2(velocity[1], velocity[0]) - state[2])
     speed_error_mps = float(state[3]) - size_mps * math.cos(turn_rad)

@@ -100,15 +100,15 @@ def joint_problem(
     inputs: Mapping[str, Input],
     cautions_m: Mapping[str, float] = {},
 ) -> JointProblem:
-    """The problem of the robots in ``goals``, with those in ``paths`` as moving obstacles.
+    """The problem of the robots with goal states (4,), among others on known paths (K + 1, 2).
 
     Args:
         scene: limits, distances, weights, horizons.
-        states: present ones, shape (4,), at least of the robots in ``goals``.
-        goals: goal state (4,) of each robot that is free to move.
-        paths: positions (K + 1, 2) of each other robot.
-        inputs: the last input of each free robot.
-        cautions_m: by which more than the safety distance to keep from robots in ``paths``.
+        states: present ones, shape (4,), at least of the robots with goals.
+        goals: of the robots that are free to move.
+        paths: of the others.
+        inputs: the last ones of the free robots.
+        cautions_m: how much more than the safety distance to keep from some of the others.
     """
     steps = scene.horizons.prediction_steps
     robots = list(goals)
@@ -189,13 +189,9 @@ def braking_inputs(problem: JointProblem) -> Array:
 
 def within_limits(problem: JointProblem, inputs: Array) -> Array:
     """Inputs brought inside the input and rate limits, stage by stage. Shape (M, K, 2)."""
-    bounds = problem.input_bounds
-    return clip_stages(
-        np.ascontiguousarray(inputs, dtype=float),
-        np.clip(problem.previous_inputs, -bounds, bounds),
-        bounds,
-        problem.rate_bounds,
-    )
+    bounds, wanted = problem.input_bounds, np.ascontiguousarray(inputs, dtype=float)
+    previous = np.clip(problem.previous_inputs, -bounds, bounds)
+    return clip_stages(wanted, previous, bounds, problem.rate_bounds)
 
 
 @kernel

@@ -14,16 +14,7 @@ Booleans = NDArray[np.bool_]
 
 
 def rollout(state: Array, inputs: Array, step_s: float) -> Array:
-    """States that follow from inputs (eq. 3).
-
-    Args:
-        state: present states, shape (..., 4).
-        inputs: shape (..., K, 2).
-        step_s: Δt in s.
-
-    Returns:
-        The present and the next K states, shape (..., K + 1, 4).
-    """
+    """The present states (..., 4), and those (..., K + 1, 4) that follow from inputs (..., K, 2) (eq. 3)."""
     steps = inputs.shape[-2]
     states = np.empty((*state.shape[:-1], steps + 1, 4))
     states[..., 0, :] = state
@@ -42,13 +33,8 @@ def velocity(state: Array) -> Array:
 
 
 def recovered_inputs(states: Array, step_s: float) -> Array:
-    """Inputs that led through observed states: ω = Δψ/Δt, a = Δv/Δt.
+    """Inputs (..., K, 2) that led through observed states (..., K + 1, 4): ω = Δψ/Δt, a = Δv/Δt.
 
-    Args:
-        states: shape (..., K + 1, 4), headings without jumps by whole turns.
-        step_s: Δt in s.
-
-    Returns:
-        Shape (..., K, 2).
+    Headings must be without jumps by whole turns.
     """
     return np.diff(states[..., 2:], axis=-2) / step_s

@@ -3,19 +3,23 @@
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from agent.agent import Agent
+from agent.estimate import GoalsName
+from agent.methods import method_of
 from agent.remember.memory import Memory
 from agent.solve import ITERATIONS, joint_solver
-from agent.solve.deadline import Deadline
+from agent.solve.deadline import Clock, Deadline
 from agent.solve.multistart import cold_starts
-from agent.solve.problem import JointProblem, JointSolver, Start
+from agent.solve.problem import JointProblem, JointSolver, Solution, Start
 from agent.solve.vehicle import Array
 from protocol.messages import Accuracy, Observation, State
-from protocol.scene import Area, PublicRobot, Scene
+from protocol.scene import Area, Goal, PublicRobot, Scene
 from protocol.vehicle import Limits
 
 STEP_S = 0.1
@@ -36,6 +40,40 @@ SOLVERS: dict[str, JointSolver] = {
     "reference": joint_solver("reference", ITERATIONS, NEVER),
 }
 """One of each for all tests: they may keep nothing that changes a result, and one test shows that."""
+
+
+class Watched:
+    """Solves as a real solver does, or fails on demand; keeps what it was asked and what it answered."""
+
+    def __init__(self, name: str = "realtime") -> None:
+        self._solver = SOLVERS[name]
+        self.asked: list[tuple[JointProblem, Start]] = []
+        self.answered: list[Solution] = []
+        self.phases: list[str] = []
+        """One entry for all starts of a problem."""
+        self.fails: set[str] = set()
+
+    def solve(self, problem: JointProblem, start: Start) -> Solution:
+        phase = "plan" if len(problem.obstacles) else "predict"
+        if self.phases[-1:] != [phase]:
+            self.phases.append(phase)
+        solution = self._solver.solve(problem, start)
+        self.asked.append((problem, start))
+        self.answered.append(replace(solution, solved=solution.solved and phase not in self.fails))
+        return self.answered[-1]
+
+
+def agent_of(
+    goal: Goal,
+    scene: Scene,
+    *,
+    goals: GoalsName = "constant-acceleration",
+    solver: JointSolver | str = "realtime",
+    clock: Clock = lambda: 0.0,
+) -> Agent:
+    """Robot a."""
+    solver = SOLVERS[solver] if isinstance(solver, str) else solver
+    return Agent("a", goal, scene, method_of(goals, scene, "a", solver, NEVER), clock)
 
 
 def published() -> dict[str, Any]:

@@ -7,16 +7,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from agent_helpers import EPOCH, euler, scene_of, seen
+from agent_helpers import EPOCH, NEVER, euler, scene_of, seen
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from agent.agent import Agent
 from agent.drive.commands import DOUBTFUL
+from agent.estimate.goals import Unestimated
+from agent.methods import Method
 from agent.solve.planning import Plan
 from protocol.messages import Observation
 from protocol.scenario import Pose, Scenario, ScenarioRobot
-from protocol.scene import Goal
+from protocol.scene import Goal, Scene
 from protocol.vehicle import Input
 from world.world import World
 
@@ -41,10 +43,8 @@ class Whims:
         return Plan(np.array(inputs), np.zeros((3, 4)), solved=self.random.random() < 0.8)
 
 
-def agent_with(whims: Whims, scene: Any, goal: Goal, monkeypatch: pytest.MonkeyPatch) -> Agent:
-    monkeypatch.setattr("agent.methods.Predictor", lambda *_: whims)
-    monkeypatch.setattr("agent.methods.Planner", lambda *_: whims)
-    return Agent.of("a", goal, scene, goals="constant-acceleration", solver="reference", clock=lambda: 0.0)
+def agent_with(whims: Any, scene: Scene) -> Agent:
+    return Agent("a", FAR_GOAL, scene, Method(Unestimated(), whims, whims, NEVER), lambda: 0.0)
 
 
 def moving(step: int, *inputs: tuple[float, float]) -> Observation:
@@ -74,8 +74,7 @@ def test_it_knows_what_the_world_drove_however_often_it_was_late_or_asleep(cours
     robot = ScenarioRobot(id="a", start=Pose(x_m=-9.0, y_m=0.0), goal=Pose(x_m=9.0, y_m=0.0))
     scenario = Scenario(name="alone", robots=[robot])
     world, whims = World(scenario, seed=0, epoch=EPOCH), Whims(random.Random(seed))
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        agent = agent_with(whims, scenario.scene(with_goals=False), FAR_GOAL, monkeypatch)
+    agent = agent_with(whims, scenario.scene(with_goals=False))
     driven = []
     for what in course:
         commands = {}
@@ -93,10 +92,10 @@ def test_it_knows_what_the_world_drove_however_often_it_was_late_or_asleep(cours
     assert world.truth().robots["a"].clipped_commands == 0
 
 
-def test_until_it_has_given_a_command_the_last_input_is_recovered_from_the_poses(monkeypatch):
+def test_until_it_has_given_a_command_the_last_input_is_recovered_from_the_poses():
     """As when its process was started anew in the middle of a run."""
     whims = Whims(random.Random(0))
-    agent = agent_with(whims, scene_of("a"), FAR_GOAL, monkeypatch)
+    agent = agent_with(whims, scene_of("a"))
     agent.decide(moving(7))
     agent.withdraw()
     agent.decide(moving(8, (0.1, 0.5)))
@@ -104,9 +103,9 @@ def test_until_it_has_given_a_command_the_last_input_is_recovered_from_the_poses
     assert whims.previous[1] == pytest.approx((0.1, 0.5))
 
 
-def test_after_a_very_long_sleep_it_takes_itself_to_stand(monkeypatch):
+def test_after_a_very_long_sleep_it_takes_itself_to_stand():
     whims = Whims(random.Random(0))
-    agent = agent_with(whims, scene_of("a"), FAR_GOAL, monkeypatch)
+    agent = agent_with(whims, scene_of("a"))
     agent.decide(moving(0))
     agent.decide(moving(10**9))
     assert whims.previous[1] == pytest.approx((0.0, 0.0), abs=1e-9)

@@ -1,10 +1,7 @@
 """The vehicle model against a plain loop, closed forms and the symbolic step."""
 
-import math
-
 import casadi as ca
 import numpy as np
-import pytest
 from agent_helpers import STEP_S, euler
 from hypothesis import given
 from hypothesis import strategies as st
@@ -31,24 +28,6 @@ def test_a_rollout_of_many_robots_is_the_rollout_of_each():
     assert together.shape == (3, 8, 4)
     for alone, state, control in zip(together, many, inputs, strict=True):
         np.testing.assert_array_equal(alone, rollout(state, control, STEP_S))
-
-
-def test_constant_acceleration_straight_on_follows_the_sum_of_an_arithmetic_series():
-    heading, speed, acceleration, steps = 0.7, 1.5, -2.0, 25
-    end = rollout(np.array([1.0, -1.0, heading, speed]), np.tile([0.0, acceleration], (steps, 1)), STEP_S)[-1]
-    way = speed * steps * STEP_S + acceleration * STEP_S**2 * steps * (steps - 1) / 2
-    expected = (1.0 + way * math.cos(heading), -1.0 + way * math.sin(heading), heading)
-    assert end == pytest.approx([*expected, speed + acceleration * steps * STEP_S])
-
-
-def test_constant_turning_drives_a_regular_polygon_back_to_its_start():
-    corners, speed = 24, 2.0
-    turn_rate = math.tau / corners / STEP_S
-    states = rollout(np.array([3.0, 1.0, 0.2, speed]), np.tile([turn_rate, 0.0], (corners, 1)), STEP_S)
-    assert states[-1] == pytest.approx([3.0, 1.0, 0.2 + math.tau, speed])
-    circumradius = speed * STEP_S / (2 * math.sin(math.pi / corners))
-    centre = states[:-1, :2].mean(axis=0)
-    assert np.linalg.norm(states[:, :2] - centre, axis=1) == pytest.approx(circumradius)
 
 
 @given(states, arrays(float, 2, elements=numbers), steps_s)

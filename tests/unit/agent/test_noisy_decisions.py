@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from agent_helpers import euler, scene_of, seen
+from agent_helpers import agent_of, euler, scene_of, seen
 
 from agent.agent import Agent, Decision
 from protocol.messages import Accuracy
@@ -18,10 +18,8 @@ BESIDE = (-0.13, 0.0, 0.0, 0.0)
 PARKED = (3.0, 3.0, 0.0, 0.0)
 
 
-def agent_of(*others: str, goal: Goal = GOAL) -> Agent:
-    return Agent.of(
-        "a", goal, scene_of(["a", *others]), goals="joint-fit", solver="realtime", clock=lambda: 0.0
-    )
+def robot_a(goal: Goal = GOAL) -> Agent:
+    return agent_of(goal, scene_of("ab"), goals="joint-fit")
 
 
 def decided(agent: Agent, step: int, *states: Any, **how: Any) -> Decision:
@@ -32,7 +30,7 @@ def decided(agent: Agent, step: int, *states: Any, **how: Any) -> Decision:
 
 def test_who_was_misled_into_believing_that_it_has_arrived_goes_on():
     """It is seen at its goal by chance, brakes, and is seen beside it from then on."""
-    agent = agent_of("b")
+    agent = robot_a()
     decision = decided(agent, 0, (-0.05, 0.0, 0.0, 0.0), PARKED, accuracy=LOW)
     assert decision.mind.arrived
     state, arrived = BESIDE, []
@@ -46,7 +44,7 @@ def test_who_was_misled_into_believing_that_it_has_arrived_goes_on():
 
 
 def test_who_has_seen_without_noise_that_it_has_arrived_has_arrived_for_good():
-    agent = agent_of("b")
+    agent = robot_a()
     assert decided(agent, 0, (-0.05, 0.0, 0.0, 0.0), PARKED).mind.arrived
     assert decided(agent, 1, BESIDE, PARKED).mind.arrived
 
@@ -56,7 +54,7 @@ def test_the_commands_that_it_gave_tell_a_robot_where_it_is():
     random, errors = np.random.default_rng(0), []
     sigmas = np.array(LOW.as_tuple())
     for _ in range(4):
-        agent, state = agent_of("b", goal=Goal(x_m=6.0, y_m=2.0, heading_rad=0.0)), (-4.0, 0.0, 0.0, 0.0)
+        agent, state = robot_a(goal=Goal(x_m=6.0, y_m=2.0, heading_rad=0.0)), (-4.0, 0.0, 0.0, 0.0)
         for step in range(20):
             view = np.array(state) + sigmas * random.standard_normal(4)
             decision = decided(agent, step, view, PARKED, accuracy=LOW)
@@ -67,7 +65,7 @@ def test_the_commands_that_it_gave_tell_a_robot_where_it_is():
 
 @pytest.mark.parametrize("accuracy", [Accuracy(), LOW])
 def test_a_late_view_of_another_robot_is_predicted_from_where_it_is_now(accuracy):
-    agent = agent_of("b", goal=Goal(x_m=6.0, y_m=0.0, heading_rad=0.0))
+    agent = robot_a(goal=Goal(x_m=6.0, y_m=0.0, heading_rad=0.0))
     course = euler((-4.0, -4.0, 0.0, 0.0), [(0.0, 0.3)] * 12)
     state: Any = (-4.0, 0.0, 0.0, 0.0)
     for step in range(10):

@@ -42,41 +42,28 @@ def chosen(answers: Sequence[Solution], deadline: Deadline = NEVER) -> int:
     return [answer is best for answer in answers].index(True)
 
 
-@pytest.mark.parametrize(
-    ("answers", "best"),
-    [
-        ([solution(100.0), solution(90.0), solution(95.0)], 1),
-        ([solution(100.0), solution(99.5)], 0),
-        ([solution(100.0), solution(98.5)], 1),
-        ([solution(100.0), solution(99.5), solution(99.2), solution(98.9)], 3),
-        ([solution(100.0, solved=False), solution(900.0)], 1),
-        ([solution(900.0), solution(100.0, solved=False)], 0),
-        ([solution(100.0, deadlock=True), solution(900.0)], 1),
-        ([solution(900.0), solution(100.0, deadlock=True)], 0),
-        ([solution(100.0, solved=False), solution(900.0, deadlock=True)], 1),
-        ([solution(100.0, violation_m=0.5), solution(900.0)], 1),
-        ([solution(100.0, violation_m=1e-9), solution(101.0)], 0),
-        ([solution(100.0, solved=False), solution(100.0, solved=False)], 0),
-        ([solution(math.nan, solved=False), solution(100.0)], 1),
-        ([solution(100.0), solution(math.nan, solved=False)], 0),
-    ],
-    ids=[
-        "lowest objective",
-        "nearly equal, so the preferred one",
-        "better by more than a hundredth",
-        "each compared with the best so far",
-        "solved before unsolved",
-        "unsolved after solved",
-        "going on before a deadlock",
-        "deadlock after going on",
-        "solved deadlock before unsolved",
-        "kept distances before broken ones",
-        "a rounding error breaks nothing",
-        "none solved",
-        "no number first",
-        "no number last",
-    ],
-)
+CHOICES: dict[str, tuple[list[Solution], int]] = {
+    "lowest objective": ([solution(100.0), solution(90.0), solution(95.0)], 1),
+    "nearly equal, so the preferred one": ([solution(100.0), solution(99.5)], 0),
+    "better by more than a hundredth": ([solution(100.0), solution(98.5)], 1),
+    "each compared with the best so far": (
+        [solution(100.0), solution(99.5), solution(99.2), solution(98.9)],
+        3,
+    ),
+    "solved before unsolved": ([solution(100.0, solved=False), solution(900.0)], 1),
+    "unsolved after solved": ([solution(900.0), solution(100.0, solved=False)], 0),
+    "going on before a deadlock": ([solution(100.0, deadlock=True), solution(900.0)], 1),
+    "deadlock after going on": ([solution(900.0), solution(100.0, deadlock=True)], 0),
+    "solved deadlock before unsolved": ([solution(100.0, solved=False), solution(900.0, deadlock=True)], 1),
+    "kept distances before broken ones": ([solution(100.0, violation_m=0.5), solution(900.0)], 1),
+    "a rounding error breaks nothing": ([solution(100.0, violation_m=1e-9), solution(101.0)], 0),
+    "none solved": ([solution(100.0, solved=False), solution(100.0, solved=False)], 0),
+    "no number first": ([solution(math.nan, solved=False), solution(100.0)], 1),
+    "no number last": ([solution(100.0), solution(math.nan, solved=False)], 0),
+}
+
+
+@pytest.mark.parametrize(("answers", "best"), CHOICES.values(), ids=CHOICES)
 def test_the_best_is_taken(answers, best):
     assert chosen(answers) == best
 
