@@ -11,16 +11,19 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("protocol", "world", "agent", "fleet", "scenarios")
+PACKAGES = ("chassis", "protocol", "world", "agent", "fleet", "scenarios")
 PYPROJECT = (ROOT / "pyproject.toml").read_text()
 PROJECT = tomllib.loads(PYPROJECT)["project"]
 NEEDED_TO_RUN = PROJECT["dependencies"]
 WITH_EXTRAS = NEEDED_TO_RUN + PROJECT["optional-dependencies"]["orca"]
 NEEDED_TO_TEST = WITH_EXTRAS + PROJECT["optional-dependencies"]["dev"]
-OWN_DISTRIBUTIONS = {"agent": ("agent", "protocol"), "world": ("world", "protocol", "scenarios")}
+OWN_DISTRIBUTIONS = {
+    "agent": ("agent", "protocol", "chassis"),
+    "world": ("world", "protocol", "chassis", "scenarios"),
+}
 """The folders in deploy/ that describe one, and the packages that it carries."""
-PART_OF_ANOTHER = {"pydantic-core"}
-"""Not declared: pydantic fixes its version and documents its errors as its own."""
+PART_OF_ANOTHER = {"annotated-types", "pydantic-core"}
+"""Not declared: pydantic fixes their versions and documents them as its own."""
 
 
 def pins():
