@@ -83,10 +83,10 @@ class PredictionRow(Row):
 
     def lines(self) -> Iterable[Iterable[Cell]]:
         """Thread CPU time with wall-clock time beside it."""
-        yield self.scenario, self.robots, self.loops, *_times(self.later), *self._rest()
-
-    def _rest(self) -> Sequence[Cell]:
-        return self.first.cpu.max_ms, self.unsolved, self.predicted_shortfall_m, self.driven_shortfall_m
+        yield (
+            *(self.scenario, self.robots, self.loops, *_times(self.later), self.first.cpu.max_ms),
+            *(self.unsolved, self.predicted_shortfall_m, self.driven_shortfall_m),
+        )
 
 
 class Side(Record):
