@@ -1,11 +1,11 @@
 """What has to hold in a trial: before its faults, while they last, and after them."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 from fleet.faults.attribution import avoidable_collisions
 from fleet.faults.cases import Case
-from fleet.inject.fault import Fault, Scheduled, schedule
+from fleet.inject.fault import schedule
 from fleet.inject.scenario import Scenario
 from protocol.messages import Degradation, Message, Mind, Truth
 
@@ -73,14 +73,24 @@ def violations(case: Case, scenario: Scenario, seed: int, evidence: Evidence) ->
     faults = schedule(case.faults, seed=seed, step_s=scenario.step_s)
     robots = {robot.id for robot in scenario.robots}
     healthy = {robot for robot in robots if not any(each.befalls(robot) for each in case.faults)}
-    return [
-        *lost_steps(evidence),
-        *_no_verdict(evidence),
-        *_amiss_before(evidence.epochs[0], min(each.begin for each in faults)),
-        *_collisions(case, scenario, evidence, healthy),
-        *_not_arrived(evidence, robots if case.everybody_arrives else healthy),
-        *_unsettled(case, scenario, faults, evidence.epochs[-1]),
-    ]
+    begin = min(each.begin for each in faults)
+    ends = [each.end for each in faults if each.end is not None]
+    found = lost_steps(evidence)
+    if evidence.end.verdict is None:
+        found.append("the run has no verdict")
+    found += _amiss_before(evidence.epochs[0], begin)
+    found += _collisions(case, scenario, evidence, healthy)
+    arrived = {
+        name
+        for truth in evidence.epochs[-1].truths
+        for name, robot in truth.robots.items()
+        if robot.arrived_s is not None
+    }
+    if missing := sorted((robots if case.everybody_arrives else healthy) - arrived):
+        found.append(f"robot {', '.join(missing)} did not arrive")
+    if case.settles_s is not None and len(ends) == len(faults):
+        found += _unsettled(evidence.epochs[-1], max(ends), case.settles_s, scenario.step_s)
+    return found
 
 
 def lost_steps(evidence: Evidence) -> list[str]:
@@ -90,11 +100,6 @@ def lost_steps(evidence: Evidence) -> list[str]:
         if steps != list(range(len(steps))):
             return [f"the record lacks steps: {len(steps)} of {steps[-1] + 1} are there"]
     return [] if evidence.end is not None else ["nothing was recorded"]
-
-
-def _no_verdict(evidence: Evidence) -> Iterator[str]:
-    if evidence.end is not None and evidence.end.verdict is None:
-        yield "the run has no verdict"
 
 
 def _amiss_before(epoch: Epoch, begin: int) -> Iterator[str]:
@@ -121,24 +126,10 @@ def _collisions(case: Case, scenario: Scenario, evidence: Evidence, healthy: set
             )
 
 
-def _not_arrived(evidence: Evidence, wanted: set[str]) -> Iterator[str]:
-    truths = evidence.epochs[-1].truths
-    arrived = {
-        name for truth in truths for name, robot in truth.robots.items() if robot.arrived_s is not None
-    }
-    if missing := sorted(wanted - arrived):
-        yield f"robot {', '.join(missing)} did not arrive"
-
-
-def _unsettled(
-    case: Case, scenario: Scenario, faults: Sequence[Scheduled[Fault]], epoch: Epoch
-) -> Iterator[str]:
-    ends = [each.end for each in faults if each.end is not None]
-    if case.settles_s is None or len(ends) < len(faults):
-        return
-    settled = max(ends) + round(case.settles_s / scenario.step_s)
+def _unsettled(epoch: Epoch, end: int, settles_s: float, step_s: float) -> Iterator[str]:
+    settled = end + round(settles_s / step_s)
     for (step, robot), degraded in epoch.degraded.items():
         if step > settled and not BEFORE_ALLOWED.issuperset(degraded):
-            late_s = (step - max(ends)) * scenario.step_s
+            late_s = (step - end) * step_s
             yield f"robot {robot} was degraded {late_s:.1f} s after the fault: {', '.join(degraded)}"
             return

@@ -42,12 +42,12 @@ def test_a_robot_stops_and_stays() -> None:
     assert {seen.step for seen in minds(driven)} == set(range(len(driven) - 1)), "and goes on thinking"
 
 
-def test_a_robot_that_stopped_for_a_while_arrives() -> None:
-    driven = drive(first("stops", duration_s=1.0))
+@pytest.mark.parametrize("kind", ["stops", "turns-back"])
+def test_a_robot_that_did_so_for_a_while_arrives(kind: str) -> None:
+    driven = drive(first(kind, duration_s=1.0))
     speeds = [truth.robots["1"].state.speed_mps for truth in truths(driven)]
     assert min(map(abs, speeds[SOON:])) < 0.2 < 0.5 * max(speeds)
     assert driven[-1].truth.verdict == "arrived"
-    assert driven[-1].truth.robots["1"].clipped_commands == 0
 
 
 @pytest.mark.parametrize("goals", ["joint-fit", "exchanged"])
@@ -76,11 +76,6 @@ def test_a_robot_turns_back_to_where_it_was_first_seen(goals: Any) -> None:
     assert driven[-1].truth.robots["2"].arrived_s is not None
 
 
-def test_a_robot_that_turned_back_for_a_while_still_arrives() -> None:
-    driven = drive(first("turns-back", duration_s=1.0))
-    assert driven[-1].truth.verdict == "arrived"
-
-
 @pytest.mark.parametrize("goals", ["joint-fit", "exchanged"])
 def test_a_robot_chases_another_one_wherever_that_is(goals: Any) -> None:
     driven = drive(first("chases", seen=2, start_s=0.0), goals=goals, time_limit_s=1.5)
@@ -88,11 +83,6 @@ def test_a_robot_chases_another_one_wherever_that_is(goals: Any) -> None:
         chased = place(truth, "2")
         assert distance_m(mind.plan[-1], chased) < distance_m(mind.plan[0], chased)
         assert set(mind.prediction) == {"1"}
-
-
-def test_a_chased_robot_that_stands_is_run_into() -> None:
-    driven = drive(first("chases", seen=2, start_s=0.0), fault("stops", robots=[2]), time_limit_s=5.0)
-    assert driven[-1].truth.verdict == "collision"
 
 
 def test_another_cost_makes_another_way_and_others_are_still_minded() -> None:
@@ -132,12 +122,6 @@ def test_failures_are_counted_on_when_the_behaviour_changes() -> None:
     driven = drive(first("solver-failure", duration_s=0.3), first("ignores", start_s=1.0, duration_s=0.2))
     assert [mind.solver_failures for mind in minds(driven)[SOON + 3 :]] == [3] * (len(driven) - SOON - 4)
     assert [mind.decision for mind in minds(driven)] == list(range(len(driven) - 1))
-
-
-def test_solver_failures_strike_a_share_of_the_steps() -> None:
-    driven = drive(fault("solver-failure", rate=0.3), time_limit_s=2.0)
-    failures = minds(driven)[-1].solver_failures
-    assert 0.1 < failures / len(driven) < 0.5
 
 
 def test_no_distance_can_be_kept_to_an_obstacle_on_top_of_the_robot() -> None:

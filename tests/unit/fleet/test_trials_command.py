@@ -53,40 +53,29 @@ def test_what_does_not_hold_is_told_with_the_command_that_repeats_it(tmp_path: P
     assert "doomed, 2 robots, seed 3: robot 1 did not arrive" in again.stdout
 
 
+LEAVES = "{name: a, faults: [{kind: leaves, robots: [1]}]}"
+
+
 @pytest.mark.parametrize(
-    ("case", "told"),
+    ("cases", "options", "said"),
     [
-        ("{name: a, faults: [{kind: kil, robots: [1]}]}", "suite.yaml:2: cases[0].faults[0].kind: "),
-        ("{name: a, faults: []}", "suite.yaml:2: cases[0].faults: "),
-        ("{name: a, fault: [{kind: pause}]}", "did you mean 'faults'?"),
-        ("{name: A b, faults: [{kind: pause}]}", "suite.yaml:2: cases[0].name: "),
+        (["{name: a, faults: [{kind: kil, robots: [1]}]}"], [], "suite.yaml:2: cases[0].faults[0].kind: "),
+        (["{name: a, faults: []}"], [], "suite.yaml:2: cases[0].faults: "),
+        (["{name: a, fault: [{kind: pause}]}"], [], "did you mean 'faults'?"),
+        (["{name: A b, faults: [{kind: pause}]}"], [], "suite.yaml:2: cases[0].name: "),
+        ([LEAVES, LEAVES], [], "the name 'a' is used twice"),
+        ([LEAVES], ["--only", "earthquake"], "'earthquake' found"),
+        (["{name: a, faults: [{kind: pause}]}"], [], "--processes"),
+        (["{name: a, faults: [{kind: stops, robots: [3]}]}"], ["--robots", "2,4"], "there is no robot '3'"),
     ],
 )
-def test_a_wrong_suite_is_told_with_its_line(tmp_path: Path, case: str, told: str):
-    result = unspoken_faults(suite(tmp_path / "suite.yaml", case))
+def test_a_suite_that_cannot_be_tried_is_refused(
+    tmp_path: Path, cases: list[str], options: list[str], said: str
+):
+    result = unspoken_faults(suite(tmp_path / "suite.yaml", *cases), *options)
     assert result.exit_code == 2
-    assert told in result.output
+    assert said in " ".join(result.output.split())
     assert "Traceback" not in result.output
-
-
-def test_names_used_twice_are_told(tmp_path: Path):
-    case = "{name: a, faults: [{kind: leaves, robots: [1]}]}"
-    result = unspoken_faults(suite(tmp_path / "suite.yaml", case, case))
-    assert result.exit_code == 2
-    assert "the name 'a' is used twice" in result.output
-
-
-def test_a_case_that_the_suite_lacks_is_told_with_those_that_it_has():
-    result = unspoken_faults("--only", "earthquake")
-    assert result.exit_code == 2
-    assert "earthquake" in result.output
-    assert "kill-and-restart" in result.output
-
-
-def test_what_means_nothing_in_virtual_time_asks_for_processes():
-    result = unspoken_faults("--only", "pause")
-    assert result.exit_code == 2
-    assert "--processes" in result.output
 
 
 def test_every_case_of_the_bundled_suite_befalls_robot_1_or_all_and_has_time_to_settle():
@@ -94,10 +83,3 @@ def test_every_case_of_the_bundled_suite_befalls_robot_1_or_all_and_has_time_to_
         for fault in case.faults:
             assert getattr(fault, "robots", None) in (None, ("1",)), case.name
             assert case.settles_s is None or fault.duration_s is not None, case.name
-
-
-def test_a_case_of_a_robot_that_trials_would_lack_is_refused(tmp_path: Path):
-    case = "{name: third, faults: [{kind: stops, robots: [3]}]}"
-    result = unspoken_faults(suite(tmp_path / "suite.yaml", case), "--robots", "2,4")
-    assert result.exit_code == 2
-    assert "there is no robot '3'" in " ".join(result.output.split())
