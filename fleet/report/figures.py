@@ -39,7 +39,7 @@ GAP = 0.55
 INK, FRAME, RED = "0.25", "0.7", "#c1121f"
 COLOURS = ("#8ecae6", "#a7d49b", "#ffd166")
 """Of the boxes: the first two as light as the publication's blue and green."""
-DOT = {"marker": "o", "markersize": 3.2, "color": INK, "markeredgewidth": 0.0, "alpha": 0.45}
+DOT = {"marker": "o", "markersize": 3.2, "color": INK, "markeredgewidth": 0.0, "alpha": 0.6}
 BEYOND = {**DOT, "marker": ">", "markersize": 4.5}
 COLLISION = {**DOT, "marker": "X", "markersize": 6.5, "color": RED, "markeredgecolor": "white"}
 COLLISION |= {"markeredgewidth": 0.5, "alpha": 0.9}

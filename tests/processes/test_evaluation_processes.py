@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
 
 import psutil
@@ -45,13 +45,19 @@ def driven(rows) -> dict[object, dict[str, object]]:
     return {row.key: {name: value for name, value in row if not MADE_BY_CHANCE.search(name)} for row in rows}
 
 
-def test_ctrl_c_ends_an_evaluation_and_the_same_command_goes_on(tmp_path: Path, process):
+def listened_at(pids: list[int]) -> set[str]:
+    """The addresses at which these processes take connections."""
+    sockets = [each for pid in pids for each in psutil.Process(pid).net_connections(kind="inet")]
+    return {each.laddr.ip for each in sockets if each.status == psutil.CONN_LISTEN}
+
+
+def test_an_evaluation_listens_on_loopback_ends_at_ctrl_c_and_is_resumed(tmp_path: Path, process):
     out = tmp_path / "out"
     command = ("--goals", "exchanged", "--noise", "low", "--seeds", 4, "--workers", 1)
     first = evaluate(process, out, *command)
     has_rows(out, 1)
     children = first.children()
-    assert workers_of(first)
+    assert listened_at([first.own_pid, *workers_of(first)]) == {"127.0.0.1"}
     for pid in children:  # a terminal sends it to all of them
         os.kill(pid, signal.SIGINT)
     first.signal(signal.SIGINT)
@@ -80,18 +86,6 @@ def test_the_run_of_a_worker_that_dies_is_made_again(tmp_path: Path, process):
     os.kill(worker, signal.SIGKILL)
     assert evaluation.end() == 0, evaluation.complained
     assert sorted((row.seed, row.verdict) for row in read_rows(out)) == [(i, "arrived") for i in range(3)]
-
-
-def test_an_evaluation_listens_on_loopback_only(tmp_path: Path, process):
-    evaluation = evaluate(process, tmp_path / "out", "--goals", "exchanged", "--noise", "low", "--seeds", 3)
-    has_rows(tmp_path / "out", 1)
-    addresses = set()
-    for pid in [evaluation.own_pid, *workers_of(evaluation)]:
-        with suppress(psutil.NoSuchProcess):
-            sockets = psutil.Process(pid).net_connections(kind="inet")
-            addresses |= {each.laddr.ip for each in sockets if each.status == psutil.CONN_LISTEN}
-    assert addresses == {"127.0.0.1"}
-    assert evaluation.end() == 0
 
 
 class DaskProcess:

@@ -1,7 +1,8 @@
 """Evaluations whose runs are made up, and the pages that are made of them."""
 
+import re
 from collections.abc import Sequence
-from html.parser import HTMLParser
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -64,59 +65,32 @@ def unspoken_report(*arguments: object) -> Result:
     return CliRunner().invoke(app, ["report", *map(str, arguments)])
 
 
-class Parsed(HTMLParser):
-    """What a page consists of: tags, addresses, alternatives of pictures, tables and all text.
+class Parsed:
+    """What a page consists of; its text is escaped, so that a ``<`` always begins a tag.
 
     Attributes:
         tables: by caption, the cells of each row; lines of a cell stand apart by ``|``.
     """
 
     def __init__(self, html: str) -> None:
-        super().__init__()
-        self.tags: list[str] = []
-        self.addresses: list[str] = []
-        self.alternatives: list[str] = []
+        self.tags = re.findall(r"<(\w+)", html)
+        self.addresses = re.findall(r'\b(?:src|href|srcset|action)="([^"]*)"', html)
+        self.alternatives = [unescape(text) for text in re.findall(r'\balt="([^"]*)"', html)]
+        self.text = _text(html)
         self.tables: dict[str, list[list[str]]] = {}
-        self.text = ""
-        self._open: list[str] = []
-        self._caption = ""
-        self.feed(html)
-        self.close()
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        named = dict(attrs)
-        self.addresses += [named[name] or "" for name in ("src", "href", "srcset", "action") if name in named]
-        if tag == "img":
-            self.alternatives.append(named["alt"] or "")
-        if tag in ("caption", "th", "td"):
-            self._open.append(tag)
-        if tag == "caption":
-            self._caption = ""
-        if tag == "tr":
-            self.tables[self._caption].append([])
-        if tag in ("th", "td"):
-            self.tables[self._caption][-1].append("")
-        if tag == "small":
-            self.tables[self._caption][-1][-1] += "|"
-
-    def handle_endtag(self, tag: str) -> None:
-        if tag == "caption":
-            self.tables[self._caption] = []
-        if self._open and tag == self._open[-1]:
-            self._open.pop()
-
-    def handle_data(self, data: str) -> None:
-        self.text += data
-        if self._open and self._open[-1] == "caption":
-            self._caption += data
-        elif self._open:
-            self.tables[self._caption][-1][-1] += data
+        for caption, table in re.findall(r"<caption>(.*?)</caption>(.*?)</table>", html, re.DOTALL):
+            rows = re.findall(r"<tr>(.*?)</tr>", table, re.DOTALL)
+            cells = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row, re.DOTALL) for row in rows]
+            self.tables[_text(caption)] = [[_text(cell) for cell in row] for row in cells]
 
     def table(self, beginning: str) -> dict[str, list[str]]:
         """The table whose caption begins so: its rows by the first cell."""
         ((_, *rows),) = [rows for caption, rows in self.tables.items() if caption.startswith(beginning)]
         return {cells[0]: cells[1:] for cells in rows}
+
+
+def _text(html: str) -> str:
+    return unescape(re.sub(r"<[^>]*>", "", html.replace("<small>", "|")))
 
 
 def page_of(out: Path) -> Parsed:

@@ -1,7 +1,8 @@
-"""The runs that an evaluation asks for, and the row that comes of one."""
+"""The levels of noise and the runs that an evaluation asks for, and the row that comes of one."""
 
 import json
 import math
+import re
 import statistics
 import threading
 from pathlib import Path
@@ -14,10 +15,11 @@ from agent.agent import Agent
 from agent.estimate.goals import Exchanged
 from agent.remember.memory import Memory
 from fleet.cli import app
-from fleet.evaluate.evaluation import with_noise
+from fleet.evaluate.evaluation import levels_in, sensing_of, with_noise
 from fleet.evaluate.results import COLUMNS, Row
 from fleet.evaluate.running import execute
 from protocol.messages import Mind
+from protocol.scenario import Sensing
 from scenarios import find
 
 PHASES = ("estimate", "predict", "plan", "decide")
@@ -47,22 +49,62 @@ def test_a_scenario_with_noise_of_its_own_is_run_with_every_seed(tmp_path: Path,
     assert len(list(evaluation_of(suite, seeds=3).runs())) == 2 * 3
 
 
-@pytest.mark.parametrize(("level", "factor"), [("low", 1.0), ("medium", 2.0), ("high", 4.0)])
-def test_a_level_of_noise_holds_for_every_robot(tmp_path: Path, level, factor: float):
+def test_a_level_of_noise_holds_for_every_robot_and_replaces_all_that_the_file_says(tmp_path: Path):
     suite = write_suite(tmp_path / "suite", "one", sensing={"range_m": 3.0, "dropout": 0.1})
     (scenario,) = evaluation_of(suite).scenarios.values()
     first, second = scenario.robots
-    own = scenario.model_copy(
-        update={"robots": [first.model_copy(update={"sensing": scenario.sensing}), second]}
-    )
-    noisy = with_noise(own, level)
+    with_own = first.model_copy(update={"sensing": scenario.sensing})
+    own = scenario.model_copy(update={"robots": [with_own, second]})
+    noisy = with_noise(own, "medium+delay_steps=2")
     for robot in noisy.robots:
-        sensing = noisy.sensing_of(robot)
-        assert sensing.position_noise_m == pytest.approx(0.02 * factor)
-        assert math.degrees(sensing.heading_noise_rad) == pytest.approx(2.0 * factor)
-        assert sensing.speed_noise_mps == pytest.approx(0.05 * factor)
-        assert (sensing.range_m, sensing.dropout) == (None, 0.0)
+        assert noisy.sensing_of(robot) == sensing_of("medium+delay_steps=2")
     assert with_noise(own, "none") == own
+
+
+LOW = {"position_noise_m": 0.02, "heading_noise_rad": math.radians(2.0), "speed_noise_mps": 0.05}
+
+
+@pytest.mark.parametrize(
+    ("level", "sensing"),
+    [
+        ("low", LOW),
+        ("medium", {name: 2.0 * value for name, value in LOW.items()}),
+        ("high", {name: 4.0 * value for name, value in LOW.items()}),
+        ("dropout=0.3", {"dropout": 0.3}),
+        ("delay_steps=2", {"delay_steps": 2}),
+        ("range_m=5", {"range_m": 5}),
+        ("low+dropout=0.3+delay_steps=2", {**LOW, "dropout": 0.3, "delay_steps": 2}),
+        ("position_noise_m=1e-2+speed_noise_mps=0", {"position_noise_m": 0.01}),
+    ],
+)
+def test_a_level_is_made_of_names_and_fields(level, sensing):
+    assert sensing_of(level) == Sensing(**sensing)
+
+
+def test_a_list_of_levels_names_each_once():
+    assert levels_in("none, low,low+delay_steps=2,none") == ("none", "low", "low+delay_steps=2")
+
+
+@pytest.mark.parametrize(
+    ("level", "told"),
+    [
+        ("deafening", "'deafening' found, one of low, medium, high or FIELD=VALUE is expected"),
+        ("", "'' found"),
+        ("low+", "'' found"),
+        ("none+low", "'none' found"),
+        ("loudness=3", "'loudness' found, one of range_m, position_noise_m, "),
+        ("dropout=often", "dropout=often found, a number is expected after ="),
+        ("dropout=2", "'dropout=2': dropout: Input should be less than or equal to 1, found 2"),
+        ("delay_steps=1.5", "delay_steps: Input should be a valid integer, found 1.5"),
+        ("delay_steps=11", "delay_steps: Input should be less than or equal to 10, found 11"),
+        ("dropout=nan", "dropout: Input should be a finite number"),
+        ("low+position_noise_m=0.1", "'low+position_noise_m=0.1' says position_noise_m twice"),
+        ("dropout=0.1+dropout=0.2", "says dropout twice"),
+    ],
+)
+def test_a_level_that_cannot_be_understood_is_refused_with_what_is_expected(level, told):
+    with pytest.raises(ValueError, match=re.escape(told)):
+        levels_in(f"none,{level}")
 
 
 @pytest.mark.parametrize("goals", ["exchanged", "ioc"])

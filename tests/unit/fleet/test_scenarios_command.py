@@ -1,6 +1,5 @@
 """``unspoken scenarios``."""
 
-import re
 from pathlib import Path
 
 import pytest
@@ -44,17 +43,10 @@ def test_a_suite_is_generated_and_told_in_one_line() -> None:
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_every_family_can_be_chosen(family: str) -> None:
-    result = scenarios("generate", "--family", family, "--robots", 4, "--count", 1, "--out", "mine")
-    assert result.exit_code == 0
-    assert result.stdout == "Wrote 1 scenario of 4 robots to mine.\n"
-    assert [path.name for path in Path("mine").iterdir()] == [f"{family}-4-1.yaml"]
-
-
-def test_the_first_line_of_a_file_is_the_command_that_makes_it_again() -> None:
-    scenarios(
-        "generate", "--family", "circle", "--robots", "3,5..6", "--count", 4, "--seed", 7, "--out", "one"
-    )
+def test_the_first_line_of_a_file_is_the_command_that_makes_it_again(family: str) -> None:
+    options = ("--family", family, "--robots", "3,5..6", "--count", 4, "--seed", 7)
+    assert scenarios("generate", *options, "--out", "one").exit_code == 0
+    assert Path(f"one/{family}-3-1.yaml").exists()
     (first,) = {path.read_text().splitlines()[0] for path in Path("one").iterdir()}
     command = first.removeprefix("# Made by unspoken scenarios ")
     assert scenarios(*command.split(), "--out", "other").exit_code == 0
@@ -106,31 +98,22 @@ def test_wrong_usage_is_refused_and_nothing_is_written(
     assert list(Path().iterdir()) == []
 
 
-def test_a_directory_that_holds_something_is_refused_and_left_as_it_was() -> None:
+@pytest.mark.parametrize(
+    ("out", "told"),
+    [
+        ("mine", "mine is not empty; choose another directory with --out, or remove it"),
+        ("mine/thesis.tex/suite", "thesis.tex/suite cannot be used for the output: Not a directory"),
+        ("/", "/ is not empty"),
+        (".", "is where you are"),
+    ],
+)
+def test_a_directory_that_cannot_be_used_is_refused_and_left_as_it_was(out: str, told: str) -> None:
     Path("mine").mkdir()
     Path("mine/thesis.tex").write_text("of great value")
-    result = scenarios("generate", "--out", "mine")
+    result = scenarios("generate", "--out", out)
     assert result.exit_code == 2
-    assert re.fullmatch(r"\S*mine is not empty; choose another .* --out, or remove it\n", result.stderr)
+    assert told in result.stderr
     assert [str(path) for path in sorted(Path().rglob("*"))] == ["mine", "mine/thesis.tex"]
-
-
-def test_a_directory_that_cannot_be_made_is_refused() -> None:
-    Path("file").touch()
-    result = scenarios("generate", "--out", "file/mine")
-    assert result.exit_code == 2
-    assert "file/mine cannot be used for the output: Not a directory" in result.stderr
-
-
-def test_the_root_directory_is_refused_as_any_other_that_holds_something() -> None:
-    assert "/ is not empty" in scenarios("generate", "--out", "/").stderr
-
-
-def test_the_directory_where_one_stands_is_not_replaced() -> None:
-    result = scenarios("generate", "--out", ".")
-    assert result.exit_code == 2
-    assert "is where you are" in result.stderr
-    assert list(Path().iterdir()) == []
 
 
 @pytest.mark.parametrize("command", ["list", "generate"])
