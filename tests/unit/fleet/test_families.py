@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from chassis.refusal import Refusal
+from fleet.inject.scenario import Scenario
 from fleet.scenarios.families import FAMILIES, FamilyName
-from protocol.scenario import Pose, Scenario, ScenarioRobot
+from protocol.scenario import Pose, ScenarioRobot
 
 MOST = {"perimeter": 16, "heterogeneous": 16}
 """The largest number of robots of a family, where it is less than that of a scenario."""

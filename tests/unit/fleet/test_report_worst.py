@@ -10,9 +10,9 @@ from reporting_helpers import never, page_of, row, unspoken_report, write_evalua
 from fleet.evaluate.evaluation import Evaluation
 from fleet.evaluate.results import DIED, EXPERIMENT, RUNS, Row
 from fleet.evaluate.running import execute
+from fleet.inject.scenario import load_scenario
 from fleet.report import command, worst
 from fleet.report.worst import worst_runs
-from protocol.scenario import load_scenario
 
 
 def made_up(scenario: str, method: str, **figures: object) -> Row:

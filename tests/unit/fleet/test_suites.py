@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from chassis.refusal import Refusal
+from fleet.inject.scenario import Scenario, load_scenario
 from fleet.scenarios.suite import generate, load_suite, write_suite
-from protocol.scenario import Scenario, load_scenario
 from scenarios import bundled_suites, find
 
 
