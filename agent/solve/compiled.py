@@ -126,6 +126,10 @@ class Locator(UserProvidedCacheLocator):
         """Without the check of numba's own locators that the folder can be written."""
         return cls(py_func, py_file)
 
+    def get_source_stamp(self) -> str:
+        """The folder's name, which follows from the sources; their times change with every checkout."""
+        return FOLDER.name
+
 
 _config.CACHE_DIR = str(FOLDER)
 _config.CACHE_LOCATOR_CLASSES = f"{__name__}.{Locator.__name__}"
