@@ -19,7 +19,7 @@ ENVIRONMENT = {name: os.environ[name] for name in ("PATH", "HOME") if name in os
 def clone(tmp_path):
     """What make looks at, in a folder with a space in its name."""
     folder = tmp_path / "a clone"
-    (folder / "tests" / "deploy").mkdir(parents=True)
+    (folder / "tests" / "processes" / "deploy").mkdir(parents=True)
     for name in ("Makefile", "pyproject.toml", "constraints.txt", "tests/processes/deploy/compose-tool.txt"):
         shutil.copy(ROOT / name, folder / name)
     return folder
