@@ -1,6 +1,7 @@
 """Eq. 6 written down and solved in another way: CasADi differentiates eq. 2, public libraries solve it.
 
-Nothing of the estimator is used for that but the weight with which it prefers near goals.
+Nothing of the estimator is used but the weight with which it prefers near goals. The inputs U are the
+variables here, where the estimator takes headings and speeds.
 """
 
 from dataclasses import dataclass
@@ -10,8 +11,7 @@ import casadi as ca
 import numpy as np
 from agent_helpers import STEP_S
 
-from agent.estimate.inverse_problem import NEARNESS, InverseProblem, slopes
-from agent.estimate.linear_quadratic import COORDINATES, INPUT, P_X, advance, drive_through
+from agent.estimate.inverse_optimal_control import NEARNESS, InverseProblem
 from agent.solve.vehicle import Array
 from protocol.scene import Scene
 
@@ -53,24 +53,29 @@ class DenseSolution:
 
 
 def written_out(problem: InverseProblem) -> DenseProblem:
-    """The same problem with its derivatives, taken from the estimator, as matrices."""
-    steps, each = problem.values.shape
-    drive = drive_through(problem.states, problem.step_s, problem.weights, problem.nearness)
-    states, gradients = np.zeros((steps + 1, 4, 2 * steps)), np.zeros((steps, each, 2 * steps))
-    for column, unit in enumerate(np.eye(2 * steps).reshape(-1, steps, 2)):
-        coordinates, change = np.zeros((steps + 1, COORDINATES)), np.empty((steps, each))
-        for k in range(steps):
-            coordinates[k, INPUT:] = unit[k]
-            advance(drive.motion[k], problem.step_s, coordinates[k], coordinates[k + 1])
-        slopes(problem, coordinates, change)
-        states[:, :, column], gradients[:, :, column] = coordinates[:, P_X : P_X + 4], change
-    away = problem.states[:-1] - [*problem.states[-1, :3], 0.0]
+    """The same problem as matrices, also where noise keeps the observed states from obeying the model.
+
+    ω_m turns the way that was observed after step m, and a_m lengthens it along the observed headings.
+    """
+    states, step_s, steps = problem.states, problem.step_s, len(problem.values)
+    directions = np.stack([np.cos(states[:, 2]), np.sin(states[:, 2])], axis=-1)
+    run = step_s * (np.cumsum(directions, axis=0) - directions)
+    way = states[:, None, :2] - states[None, 1:, :2]
+    by_inputs = np.zeros((steps + 1, 4, steps, 2))
+    by_inputs[:, :2, :, 0] = np.stack([-way[..., 1], way[..., 0]], axis=1)
+    by_inputs[:, :2, :, 1] = np.swapaxes(run[:, None] - run[None, 1:], 1, 2)
+    by_inputs[:, 2, :, 0] = by_inputs[:, 3, :, 1] = 1.0
+    by_inputs *= step_s * np.tri(steps + 1, steps, -1)[:, None, :, None]
+    s = by_inputs.reshape(steps + 1, 4, -1)
+    inputs, before = (np.eye(2 * steps, k=k).reshape(steps, 2, -1) for k in (0, -2))
+    quantities = np.concatenate([s[:-1, [0, 1, 3]], inputs, (inputs - before) / step_s], axis=1)
+    distances = -np.einsum("kjc,kcu->kju", problem.bearings, s[:-1, :2])
     return DenseProblem(
-        slope=np.einsum("ksu,s,ks->u", states[:-1], 2.0 * problem.weights, away),
-        by_goal=np.einsum("ksu,s->us", states[:-1, :3], -2.0 * problem.weights[:3]),
+        slope=np.einsum("ksu,s,ks->u", s[:-1], 2.0 * problem.weights, states[:-1] - [*states[-1, :3], 0.0]),
+        by_goal=np.einsum("ksu,s->us", s[:-1, :3], -2.0 * problem.weights[:3]),
         values=problem.values,
-        gradients=gradients,
-        terminal=states[-1],
+        gradients=np.concatenate([quantities, -quantities, distances], axis=1),
+        terminal=s[-1],
     )
 
 
@@ -130,11 +135,9 @@ def _derivatives(steps: int, others: int) -> ca.Function:
     rows = []
     for k, stage in enumerate(stages[:-1]):
         rate = (controls[:, k] - (controls[:, k - 1] if k else before)) / STEP_S
-        rows += [stage[0] - area[1], area[0] - stage[0], stage[1] - area[3], area[2] - stage[1]]
-        for value, bound in zip(
-            ca.vertsplit(ca.vertcat(stage[3], controls[:, k], rate)), ca.vertsplit(limits), strict=True
-        ):
-            rows += [value - bound, -value - bound]
+        quantities = ca.vertcat(stage[:2], stage[3], controls[:, k], rate)
+        rows += [quantities - ca.vertcat(area[1], area[3], limits)]
+        rows += [ca.vertcat(area[0], area[2], -limits) - quantities]
         for j in range(others):
             gap = stage[:2] - positions[2 * j : 2 * j + 2, k]
             rows.append(seen[j, k] * (distances[j] - ca.sqrt(ca.fmax(ca.sumsqr(gap), 1e-18))))

@@ -1,17 +1,22 @@
-"""The solution of eq. 6 beside public QP libraries, and where it must be unsolved or trivial."""
+"""Eq. 6 beside an independent set-up and public QP libraries, and where it must be unsolved or trivial."""
 
 import math
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from agent_helpers import LOOSE, remembered, scene_of, square
+from agent_helpers import LOOSE, STEP_S, remembered, scene_of, square
 from inverse_drives import STEPS, crossing, drive, passing
 from inverse_oracle import DenseProblem, dense_problem, solve_dense, written_out
 
-from agent.estimate.interior_point import InverseSolution, solve_inverse
-from agent.estimate.inverse_optimal_control import ITERATIONS
-from agent.estimate.inverse_problem import InverseProblem, InverseProblems
+from agent.estimate.inverse_optimal_control import (
+    FIRST_DISTANCE,
+    ITERATIONS,
+    InverseOptimalControl,
+    InverseProblem,
+    InverseSolution,
+    solve_inverse,
+)
 from protocol.scene import Horizons, Scene
 
 Tracks = dict[str, np.ndarray]
@@ -20,7 +25,7 @@ Tracks = dict[str, np.ndarray]
 def solution_of(tracks: Tracks, robot: str = "a", scene: Scene | None = None) -> InverseSolution:
     scene = scene or scene_of(tracks)
     memory = remembered(tracks, estimation_steps=scene.horizons.estimation_steps)
-    return solve_inverse(InverseProblems(scene).of(memory)[robot], ITERATIONS)
+    return solve_inverse(InverseOptimalControl(scene).problems(memory)[robot], ITERATIONS)
 
 
 def variables(solution: InverseSolution) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -49,7 +54,7 @@ NOISY = [noisy(passing(seed), seed) for seed in range(20)]
 
 
 def all_problems(tracks: Tracks) -> dict[str, InverseProblem]:
-    return InverseProblems(scene_of(tracks)).of(remembered(tracks))
+    return InverseOptimalControl(scene_of(tracks)).problems(remembered(tracks))
 
 
 def assert_same(found: list[InverseSolution], dense: list[DenseProblem]) -> None:
@@ -57,13 +62,56 @@ def assert_same(found: list[InverseSolution], dense: list[DenseProblem]) -> None
     differences = []
     for solution, problem in zip(found, dense, strict=True):
         assert solution.solved
-        np.testing.assert_allclose(problem.residual(*variables(solution)), 0.0, atol=1e-10)
+        np.testing.assert_allclose(problem.residual(*variables(solution)), 0.0, atol=1e-8)
         expected = solve_dense(problem, "piqp")
         best = problem.objective(expected.goal_offset, expected.multipliers, expected.terminal_multipliers)
         assert problem.objective(*variables(solution)) == pytest.approx(best, rel=1e-8, abs=1e-14)
         differences.append(np.abs(solution.goal_offset - expected.goal_offset).max())
     assert np.median(differences) < 1e-8
     assert max(differences) < 1e-5
+
+
+@pytest.mark.parametrize("tracks", [passing(0), passing(1), crossing(1)])
+def test_constraints_are_those_of_an_independent_set_up(tracks):
+    """The observed ones, and those that the estimator takes from them for noisy windows."""
+    expected, found = dense_problem(scene_of(tracks), tracks, "a"), written_out(all_problems(tracks)["a"])
+    for name in ("slope", "by_goal", "values", "gradients", "terminal"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-9)
+
+
+def test_a_robot_seen_later_counts_only_where_it_was_seen():
+    problem = all_problems(passing(7))["a"]
+    for column, unseen in enumerate((0, STEPS + 1 - 9, STEPS)):
+        values, bearings = problem.values[:, FIRST_DISTANCE + column], problem.bearings[:, column]
+        assert not values[:unseen].any()
+        assert not bearings[:unseen].any()
+        assert values[unseen:].all()
+        np.testing.assert_allclose(np.linalg.norm(bearings[unseen:], axis=1), 1.0)
+
+
+def test_rates_at_the_first_stage_need_the_state_before_else_the_input_before_is_zero():
+    tracks = {robot: track for robot, track in passing(5).items() if robot in "ab"}
+    inputs = np.diff(tracks["a"][:3, 2:], axis=0) / STEP_S
+    limits = scene_of("a").robot("a").limits
+    bounds = np.array([limits.turn_acceleration_radps2, limits.jerk_mps3])
+    without = {robot: track[1:] for robot, track in tracks.items()}
+    for each, before in ((tracks, inputs[0]), (without, np.zeros(2))):
+        rates = (inputs[1] - before) / STEP_S
+        found = all_problems(each)["a"].values[0, [5, 6, 12, 13]]
+        np.testing.assert_allclose(found, np.concatenate([rates - bounds, -bounds - rates]), atol=1e-9)
+
+
+def test_robots_that_come_and_go_change_the_rows_of_the_next_problem():
+    """One estimator writes them all: only robots seen for the whole window have a problem."""
+    scene = scene_of("abcd")
+    estimator = InverseOptimalControl(scene)
+    for company in ("abcd", "a", "ab", "abcd", "abd"):
+        tracks = {robot: track for robot, track in passing(9).items() if robot in company}
+        found = estimator.problems(remembered(tracks))
+        assert set(found) == set(company) & set("ab")
+        alone = InverseOptimalControl(scene).problems(remembered(tracks))
+        np.testing.assert_array_equal(found["a"].values, alone["a"].values)
+        assert found["a"].values.shape == (STEPS, FIRST_DISTANCE + len(company) - 1)
 
 
 @pytest.mark.parametrize(("several", "robots", "count"), [(PASSING, "ab", 60), (CROSSING, "abc", 96)])
@@ -100,11 +148,12 @@ def test_the_solution_fulfils_the_optimality_conditions(tracks):
     dense: DenseProblem = dense_problem(scene_of(tracks), tracks, "a")
     solution = solution_of(tracks)
     offset, multipliers, terminal = variables(solution)
-    y = solution.stationarity_multipliers.ravel()
-    np.testing.assert_allclose(dense.residual(offset, multipliers, terminal), 0.0, atol=1e-10)
+    profile = np.append(solution.stationarity_multipliers, [0.0, 0.0]).reshape(-1, 2)[::-1]
+    y = np.diff(profile, axis=0).ravel() / STEP_S  # from headings and speeds to inputs
+    np.testing.assert_allclose(dense.residual(offset, multipliers, terminal), 0.0, atol=1e-8)
     nearness = np.array([1e-6, 1e-6, 1.0])
-    np.testing.assert_allclose(2 * nearness * offset + dense.by_goal.T @ y, 0.0, atol=1e-10)
-    np.testing.assert_allclose(2 * terminal + dense.terminal @ y, 0.0, atol=1e-10)
+    np.testing.assert_allclose(2 * nearness * offset + dense.by_goal.T @ y, 0.0, atol=1e-8)
+    np.testing.assert_allclose(2 * terminal + dense.terminal @ y, 0.0, atol=1e-8)
     assert multipliers.min() >= 0.0
     products = np.einsum("kn,kn->k", multipliers, dense.values)
     slope = 2 * multipliers + 2 * products[:, None] * dense.values + dense.gradients @ y
@@ -175,6 +224,7 @@ def test_robots_in_the_same_place_are_no_obstacle_to_a_solution():
 
 def test_the_iterations_allowed_are_at_least_twice_those_ever_needed():
     for tracks in [*PASSING, *CROSSING, *NOISY]:
-        wide = InverseProblems(scene_of(tracks, limits=LOOSE, area=square(1000.0))).of(remembered(tracks))
+        loose = scene_of(tracks, limits=LOOSE, area=square(1000.0))
+        wide = InverseOptimalControl(loose).problems(remembered(tracks))
         for problem in (*all_problems(tracks).values(), *wide.values()):
             assert solve_inverse(problem, ITERATIONS // 2).solved
