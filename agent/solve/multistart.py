@@ -95,8 +95,8 @@ def _turning(problem: JointProblem, turns_radps: Sequence[Array]) -> list[Start]
     for rates_radps in turns_radps:
         inputs = braking.copy()
         inputs[:, :, 0] += rates_radps[:, None]
-        forces, pressures = np.zeros((robots, steps + 1, 2)), np.zeros((robots, steps, LIMITED_QUANTITIES))
-        starts.append(Start(within_limits(problem, inputs), forces, pressures, warm=False))
+        forces, multipliers = np.zeros((robots, steps + 1, 2)), np.zeros((robots, steps, LIMITED_QUANTITIES))
+        starts.append(Start(within_limits(problem, inputs), forces, multipliers, warm=False))
     return starts
 
 
@@ -114,17 +114,17 @@ class WarmStarts:
             if robot in self._last
         }
         if len(known) == len(robots):
-            inputs, forces, pressures = (np.array(each) for each in zip(*known.values(), strict=True))
-            return [Start(inputs, forces, pressures, warm=True)]
+            inputs, forces, multipliers = (np.array(each) for each in zip(*known.values(), strict=True))
+            return [Start(inputs, forces, multipliers, warm=True)]
         starts = cold_starts(problem)
         for start in starts:
             for index, parts in known.items():
-                start.inputs[index], start.forces[index], start.pressures[index] = parts
+                start.inputs[index], start.forces[index], start.limit_multipliers[index] = parts
         return starts
 
     def keep(self, robots: Sequence[str], solution: Solution) -> None:
         """Remember a solution; all earlier ones are forgotten."""
-        parts = zip(solution.inputs, solution.forces, solution.pressures, strict=True)
+        parts = zip(solution.inputs, solution.forces, solution.limit_multipliers, strict=True)
         self._last = dict(zip(robots, parts, strict=True))
 
     def forget(self) -> None:

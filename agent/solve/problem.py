@@ -136,7 +136,7 @@ class Start:
     """Shape (M, K, 2)."""
     forces: Array
     """Constraint forces to expect, as those of a :class:`Solution`; zero where nothing is known."""
-    pressures: Array
+    limit_multipliers: Array
     """The same for the multipliers of limits."""
     warm: bool
     """Whether it comes from the last step's solution, so that little is left to do."""
@@ -153,7 +153,7 @@ class Solution:
     forces: Array
     """How the rows of distances and area push each position, shape (M, K + 1, 2): Σ λ n over those rows, the
     negative gradient of what they add to the Lagrangian. In cost a metre."""
-    pressures: Array
+    limit_multipliers: Array
     """Multipliers of the limits (eq. 9) on ω_k, a_k, their changes from k − 1 to k, and v_{k+1}, shape
     (M, K, 5): positive at the upper limit, negative at the lower one; zero where the solver knows none."""
     objective: float
@@ -164,7 +164,7 @@ class Solution:
 
     def start(self, robots: slice = slice(None), *, warm: bool = True) -> Start:
         """Where to start on a problem of all, or some, of these robots."""
-        return Start(self.inputs[robots], self.forces[robots], self.pressures[robots], warm)
+        return Start(self.inputs[robots], self.forces[robots], self.limit_multipliers[robots], warm)
 
 
 class JointSolver(Protocol):

@@ -73,7 +73,7 @@ class ReferenceSolver:
             inputs=inputs,
             states=states,
             forces=_forces(problem, states, np.asarray(result["lam_g"]).ravel(), program.pairs),
-            pressures=np.zeros((len(states), problem.steps, LIMITED_QUANTITIES)),
+            limit_multipliers=np.zeros((len(states), problem.steps, LIMITED_QUANTITIES)),
             objective=problem.objective(states),
             violation_m=problem.violation_m(states),
             solved=finite and bool(statistics["success"]),

@@ -24,7 +24,7 @@ def cost_of(states: Array, goals: Array, weights: Array) -> float:
 
 
 @kernel
-def gradient_of(states: Array, goals: Array, weights: Array, arms: Array) -> Array:
+def gradient_of(states: Array, goals: Array, weights: Array, jacobian: Array) -> Array:
     """Gradient of the cost, shape (M, n)."""
     robots, steps = states.shape[0], states.shape[1] - 1
     result = np.zeros((robots, 2 * steps))
@@ -37,7 +37,7 @@ def gradient_of(states: Array, goals: Array, weights: Array, arms: Array) -> Arr
                 if k > 0:
                     off = states[robot, k, 2 + c] - goals[robot, 2 + c]
                     result[robot, slot + c] = 2.0 * weights[2 + c] * off
-        pull_back(arms[robot], pull, result[robot])
+        pull_back(jacobian[robot], pull, result[robot])
     return result
 
 

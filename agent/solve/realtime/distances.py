@@ -20,7 +20,7 @@ NOBODY = -1
 class Rows(NamedTuple):
     """gap + normal·(δp_first − δp_second) ≥ 0 for small displacements δp; C of them, stage after stage."""
 
-    each: int
+    per_stage: int
     """Rows of one stage; those of the next one follow in the same order."""
     first: Integers
     second: Integers
@@ -43,10 +43,10 @@ def rows_about(states: Array, obstacles: Array, safety_distances: Array, area: A
         area: lower and upper corner, shape (2, 2).
     """
     robots, stages = states.shape[:2]
-    each = robots * (robots - 1) // 2 + robots * (len(obstacles) + 4)
-    count = each * max(stages - FIRST_FREE_STAGE, 0)
+    per_stage = robots * (robots - 1) // 2 + robots * (len(obstacles) + 4)
+    count = per_stage * max(stages - FIRST_FREE_STAGE, 0)
     rows = Rows(
-        each,
+        per_stage,
         np.empty(count, np.int64),
         np.empty(count, np.int64),
         np.empty(count, np.int64),
@@ -122,11 +122,11 @@ def gaps_after(rows: Rows, shifts: Array, gaps: Array) -> None:
 
 
 @kernel
-def add_forces(rows: Rows, taking_part: Integers, sizes: Array, forces: Array) -> None:
+def add_forces(rows: Rows, active: Integers, sizes: Array, forces: Array) -> None:
     """Add the forces of some rows, as they push robots apart, to those on the positions (M, K + 1, 2)."""
     first, second, stage, normal = rows.first, rows.second, rows.stage, rows.normal
-    for at in range(len(taking_part)):
-        row = taking_part[at]
+    for at in range(len(active)):
+        row = active[at]
         i, j, k = first[row], second[row], stage[row]
         x, y = sizes[at] * normal[row, 0], sizes[at] * normal[row, 1]
         forces[i, k, 0] += x

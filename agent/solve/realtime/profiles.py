@@ -58,27 +58,27 @@ def moved(states: Array, change: Array, share: float, step_s: float) -> Array:
 
 
 @kernel
-def arms_of(states: Array, step_s: float) -> Array:
+def jacobian_of(states: Array, step_s: float) -> Array:
     """How each variable moves all later positions: ∂p_k/∂ψ_j and ∂p_k/∂v_j for any k > j, shape (M, n, 2).
 
     A position is a sum of v (cos ψ, sin ψ) Δt, so stage j has the same effect on all positions after it.
     """
     robots, steps = states.shape[0], states.shape[1] - 1
-    arms = np.empty((robots, 2 * steps, 2))
+    jacobian = np.empty((robots, 2 * steps, 2))
     for robot in range(robots):
         for j in range(1, steps + 1):
             slot = 2 * (steps - j)
             heading, speed = states[robot, j, 2], states[robot, j, 3]
             along_x, along_y = step_s * math.cos(heading), step_s * math.sin(heading)
-            arms[robot, slot, 0] = -speed * along_y
-            arms[robot, slot, 1] = speed * along_x
-            arms[robot, slot + 1, 0] = along_x
-            arms[robot, slot + 1, 1] = along_y
-    return arms
+            jacobian[robot, slot, 0] = -speed * along_y
+            jacobian[robot, slot, 1] = speed * along_x
+            jacobian[robot, slot + 1, 0] = along_x
+            jacobian[robot, slot + 1, 1] = along_y
+    return jacobian
 
 
 @kernel
-def displacements(arms: Array, change: Array, result: Array) -> None:
+def displacements(jacobian: Array, change: Array, result: Array) -> None:
     """First-order change (K + 1, 2) of one robot's positions under a change (n,) of its variables."""
     steps = len(result) - 1
     x, y = 0.0, 0.0
@@ -87,14 +87,14 @@ def displacements(arms: Array, change: Array, result: Array) -> None:
     for k in range(2, steps + 1):
         slot = 2 * (steps - k + 1)
         for each in (slot, slot + 1):
-            x += arms[each, 0] * change[each]
-            y += arms[each, 1] * change[each]
+            x += jacobian[each, 0] * change[each]
+            y += jacobian[each, 1] * change[each]
         result[k, 0] = x
         result[k, 1] = y
 
 
 @kernel
-def pull_back(arms: Array, forces: Array, result: Array) -> None:
+def pull_back(jacobian: Array, forces: Array, result: Array) -> None:
     """Add to a gradient (n,) in one robot's variables that of Σ_k forces_kᵀ p_k, forces (K + 1, 2).
 
     The transpose of :func:`displacements`.
@@ -106,4 +106,4 @@ def pull_back(arms: Array, forces: Array, result: Array) -> None:
         y += forces[j + 1, 1]
         slot = 2 * (steps - j)
         for each in (slot, slot + 1):
-            result[each] += arms[each, 0] * x + arms[each, 1] * y
+            result[each] += jacobian[each, 0] * x + jacobian[each, 1] * y

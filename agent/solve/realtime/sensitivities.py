@@ -3,9 +3,33 @@
 import numpy as np
 
 from agent.solve.compiled import kernel
-from agent.solve.realtime.interior_point import Outcome, Program, respond
+from agent.solve.realtime.kkt import Program, solve_schur
 from agent.solve.realtime.profiles import displacements, pull_back
+from agent.solve.realtime.qp import Outcome
+from agent.solve.realtime.stagewise import solve_stages, solve_stages_transposed
 from agent.solve.vehicle import Array
+
+
+@kernel
+def respond(program: Program, outcome: Outcome, gradients: Array) -> Array:
+    """How the solution changes with the gradients, to first order and as long as the same rows are tight.
+
+    Args:
+        program: that was solved.
+        outcome: its solution.
+        gradients: changes of the gradients, shape (M, n).
+
+    Returns:
+        The change of d, shape (M, n).
+    """
+    system, count = outcome.system, len(outcome.active)
+    result, rows = -gradients, np.zeros(count)
+    for robot in range(len(result)):
+        solve_stages_transposed(system.factors[robot], program.jacobian[robot], 0, result[robot])
+    solve_schur(program, outcome.active, system, rows, result)
+    for robot in range(len(result)):
+        solve_stages(system.factors[robot], program.jacobian[robot], result[robot])
+    return result
 
 
 @kernel
@@ -28,10 +52,10 @@ def sensitivities(program: Program, outcome: Outcome, stages: int) -> Array:
         gradients = np.zeros((robots, size))
         pull[:] = 0.0
         pull[:, goal % 2] = -program.weights[goal % 2]
-        pull_back(program.arms[goal // 2], pull, gradients[goal // 2])
+        pull_back(program.jacobian[goal // 2], pull, gradients[goal // 2])
         changes = respond(program, outcome, gradients)
         for robot in range(robots):
-            displacements(program.arms[robot], changes[robot], shifts)
+            displacements(program.jacobian[robot], changes[robot], shifts)
             for k in range(1, stages + 1):
                 slot = 2 * (steps - k)
                 result[goal, robot, k - 1, :2] = shifts[k]

@@ -7,9 +7,10 @@ import numpy as np
 from agent.solve.compiled import kernel
 from agent.solve.realtime.cost import blocks_of, cost_of, gradient_of
 from agent.solve.realtime.distances import gaps_after, rows_about, violations_of
-from agent.solve.realtime.interior_point import Outcome, Program, solve_program
+from agent.solve.realtime.kkt import Program
 from agent.solve.realtime.limits import bounds_of, limited_quantities
-from agent.solve.realtime.profiles import arms_of, displacements, moved
+from agent.solve.realtime.profiles import displacements, jacobian_of, moved
+from agent.solve.realtime.qp import Outcome, solve_program
 from agent.solve.realtime.sensitivities import sensitivities
 from agent.solve.vehicle import Array
 
@@ -43,7 +44,7 @@ class Improvement(NamedTuple):
     """Shape (M, K + 1, 4); the old ones where the quadratic program was not solved, as the next two."""
     forces: Array
     """Shape (M, K + 1, 2)."""
-    pressures: Array
+    limit_multipliers: Array
     """Shape (2, M, 5K)."""
     promised: float
     """Decrease of the merit that was promised, relative to the merit; zero if no part of the step helped."""
@@ -60,7 +61,7 @@ def program_about(data: Data, states: Array, forces: Array, penalty: float) -> P
     Limits that the trajectory does not keep (a vehicle that is too fast already) are widened to it.
     """
     robots, steps = states.shape[0], states.shape[1] - 1
-    arms = arms_of(states, data.step_s)
+    jacobian = jacobian_of(states, data.step_s)
     low, high = np.empty((robots, 5 * steps)), np.empty((robots, 5 * steps))
     quantities = np.empty(5 * steps)
     for robot in range(robots):
@@ -72,8 +73,8 @@ def program_about(data: Data, states: Array, forces: Array, penalty: float) -> P
     return Program(
         2.0 * data.weights[:2],
         blocks_of(states, data.goals, data.weights, forces, data.step_s),
-        gradient_of(states, data.goals, data.weights, arms),
-        arms,
+        gradient_of(states, data.goals, data.weights, jacobian),
+        jacobian,
         low,
         high,
         rows_about(states, data.obstacles, data.safety_distances, data.area),
@@ -95,7 +96,7 @@ def improve(
     data: Data,
     states: Array,
     forces: Array,
-    pressures: Array,
+    limit_multipliers: Array,
     penalty: float,
     tolerance: float,
     stages: int,
@@ -106,21 +107,21 @@ def improve(
         data: the problem.
         states: a trajectory within the limits, shape (M, K + 1, 4).
         forces: constraint forces to expect, shape (M, K + 1, 2).
-        pressures: multipliers of the limits to expect, shape (2, M, 5K).
+        limit_multipliers: multipliers of the limits to expect, shape (2, M, 5K).
         penalty: price of a violated metre in the quadratic program.
         tolerance: of its optimality conditions.
         stages: of so many, from stage 1 on, the sensitivities to the goals are wanted.
     """
     program = program_about(data, states, forces, penalty)
-    outcome = solve_program(program, pressures, tolerance)
-    if not outcome.solved:  # where limits leave no room, pressures have no bound and are no start
-        outcome = solve_program(program, np.zeros_like(pressures), tolerance)
+    outcome = solve_program(program, limit_multipliers, tolerance)
+    if not outcome.solved:  # where limits leave no room, limit_multipliers have no bound and are no start
+        outcome = solve_program(program, np.zeros_like(limit_multipliers), tolerance)
     if not outcome.solved:
         nothing = np.zeros((2 * len(states), len(states), stages, 4))
-        return Improvement(states, forces, pressures, 0.0, nothing, False)
+        return Improvement(states, forces, limit_multipliers, 0.0, nothing, False)
     there, promised = _followed(data, program, states, outcome)
     by_goal = sensitivities(program, outcome, stages)
-    return Improvement(there, outcome.forces, outcome.pressures, promised, by_goal, True)
+    return Improvement(there, outcome.forces, outcome.limit_multipliers, promised, by_goal, True)
 
 
 @kernel
@@ -130,7 +131,7 @@ def _followed(data: Data, program: Program, states: Array, outcome: Outcome) -> 
     The merit's price of violations is twice the largest force: enough for the change to lead downhill, and no
     more, since a higher price shortens steps along curved boundaries.
     """
-    price = LEAST_PRICE + 2.0 * outcome.largest_force
+    price = LEAST_PRICE + 2.0 * outcome.largest_multiplier
     violation, _ = violations_of(states, data.obstacles, data.safety_distances, data.area)
     merit = cost_of(states, data.goals, data.weights) + price * violation
     left = _violation_left(program, outcome.change)
@@ -150,7 +151,7 @@ def _violation_left(program: Program, change: Array) -> float:
     shifts, total = np.empty((len(change), change.shape[1] // 2 + 1, 2)), 0.0
     gaps = np.empty(len(program.rows.gap))
     for robot in range(len(change)):
-        displacements(program.arms[robot], change[robot], shifts[robot])
+        displacements(program.jacobian[robot], change[robot], shifts[robot])
     gaps_after(program.rows, shifts, gaps)
     for gap in gaps:
         total += max(-gap, 0.0)
@@ -162,7 +163,7 @@ def _modelled_increase(program: Program, change: Array) -> float:
     """gᵀd + ½ dᵀHd, summed over the robots."""
     shifts, total = np.empty((change.shape[1] // 2 + 1, 2)), 0.0
     for robot in range(len(change)):
-        displacements(program.arms[robot], change[robot], shifts)
+        displacements(program.jacobian[robot], change[robot], shifts)
         for c in range(2):
             total += 0.5 * program.weights[c] * (shifts[:, c] ** 2).sum()
         total += (program.gradients[robot] * change[robot]).sum()

@@ -38,18 +38,18 @@ class RealTimeSolver:
 
     def solve(self, problem: JointProblem, start: Start) -> Solution:
         """See :class:`agent.solve.problem.JointSolver`."""
-        data, states, forces, pressures = _begin(problem, start)
+        data, states, forces, multipliers = _begin(problem, start)
         most, least = (self._iterations, CONVERGED) if start.warm else (COLD_ITERATIONS, CONVERGED_COLD)
         given = (states, start.inputs, problem.previous_inputs)
         solved, iterations = all(bool(np.isfinite(each).all()) for each in given), 0
         while solved and iterations < most and not (iterations and self._deadline.has_passed()):
-            states, forces, pressures, promised, _, solved = improve(
-                data, states, forces, pressures, PRICE_PER_M, TOLERANCE, 0
+            states, forces, multipliers, promised, _, solved = improve(
+                data, states, forces, multipliers, PRICE_PER_M, TOLERANCE, 0
             )
             iterations += 1
             if promised <= least and _is_feasible(data, states):
                 break
-        return _solution(problem, states, forces, pressures, solved, iterations)
+        return _solution(problem, states, forces, multipliers, solved, iterations)
 
 
 @dataclass(frozen=True)
@@ -71,21 +71,21 @@ def respond(problem: JointProblem, start: Start, stages: int, tolerance: float =
         stages: of so many, from stage 1 on, the sensitivities are wanted.
         tolerance: of the quadratic program's optimality conditions.
     """
-    data, states, forces, pressures = _begin(problem, start)
-    states, forces, pressures, _, by_goal, solved = improve(
-        data, states, forces, pressures, PRICE_PER_M, tolerance, stages
+    data, states, forces, multipliers = _begin(problem, start)
+    states, forces, multipliers, _, by_goal, solved = improve(
+        data, states, forces, multipliers, PRICE_PER_M, tolerance, stages
     )
-    return Response(_solution(problem, states, forces, pressures, solved, iterations=1), by_goal)
+    return Response(_solution(problem, states, forces, multipliers, solved, iterations=1), by_goal)
 
 
 def _begin(problem: JointProblem, start: Start) -> tuple[Data, Array, Array, Array]:
-    """What an iteration needs: the data, then states, forces and pressures as kernels take them."""
+    """What an iteration needs: the data; states, forces and multipliers of limits as kernels take them."""
     inputs = within_limits(problem, start.inputs)
     return (
         _data_of(problem),
         states_of(_compact(problem.states), inputs, problem.step_s),
         _compact(start.forces),
-        _by_side(start.pressures),
+        _by_side(start.limit_multipliers),
     )
 
 
@@ -94,20 +94,20 @@ def _is_feasible(data: Data, states: Array) -> bool:
     return largest_m <= FEASIBLE_M
 
 
-def _by_side(pressures: Array) -> Array:
-    """Pressures (M, K, 5) as the quadratic program has them: shape (2, M, 5K), none negative."""
-    flat = pressures.swapaxes(1, 2).reshape(len(pressures), -1)
+def _by_side(multipliers: Array) -> Array:
+    """Multipliers (M, K, 5) of limits as the quadratic program has them: shape (2, M, 5K), none negative."""
+    flat = multipliers.swapaxes(1, 2).reshape(len(multipliers), -1)
     return np.maximum([-flat, flat], 0.0)
 
 
-def _by_stage(pressures: Array, steps: int) -> Array:
+def _by_stage(multipliers: Array, steps: int) -> Array:
     """The inverse of :func:`_by_side`."""
-    low, high = pressures.reshape(2, -1, LIMITED_QUANTITIES, steps)
+    low, high = multipliers.reshape(2, -1, LIMITED_QUANTITIES, steps)
     return (high - low).swapaxes(1, 2)
 
 
 def _solution(
-    problem: JointProblem, states: Array, forces: Array, pressures: Array, solved: bool, iterations: int
+    problem: JointProblem, states: Array, forces: Array, multipliers: Array, solved: bool, iterations: int
 ) -> Solution:
     # Quadratic programs keep limits to their tolerance; what is handed on keeps them exactly.
     inputs = within_limits(problem, inputs_of(states, problem.step_s))
@@ -116,7 +116,7 @@ def _solution(
         inputs=inputs,
         states=states,
         forces=forces,
-        pressures=_by_stage(pressures, problem.steps),
+        limit_multipliers=_by_stage(multipliers, problem.steps),
         objective=problem.objective(states),
         violation_m=problem.violation_m(states),
         solved=solved,

@@ -21,11 +21,11 @@ WIDTH = 8
 
 
 @kernel
-def factorise_stages(arms: Array, weights: Array, blocks: Array, bands: Array, factor: Array) -> bool:
+def factorise_stages(jacobian: Array, weights: Array, blocks: Array, bands: Array, factor: Array) -> bool:
     """Find the rows (n, 8) of U.
 
     Args:
-        arms: effect of each variable on all later positions, shape (n, 2).
+        jacobian: effect of each variable on all later positions, shape (n, 2).
         weights: diagonal of W, shape (2,).
         blocks: B_j as its entries (ψψ, ψv, vv), from stage K to 1, shape (K, 3).
         bands: AᵀDA as ``limits.add_limit_bands`` gives it, shape (n, 3).
@@ -35,9 +35,9 @@ def factorise_stages(arms: Array, weights: Array, blocks: Array, bands: Array, f
         False where M is not positive definite (or not finite).
     """
     form = np.zeros((WIDTH, WIDTH))  # the upper triangle, in the order of a row
-    for slot in range(0, len(arms), 2):
+    for slot in range(0, len(jacobian), 2):
         if slot > 0:
-            _go_back(form, arms[slot : slot + 2], weights)
+            _go_back(form, jacobian[slot : slot + 2], weights)
         block = blocks[slot // 2]
         form[0, 0] += block[0] + bands[slot, 0]
         form[0, 1] += block[1]
@@ -60,14 +60,14 @@ def factorise_stages(arms: Array, weights: Array, blocks: Array, bands: Array, f
 
 
 @kernel
-def _go_back(form: Array, arms: Array, weights: Array) -> None:
+def _go_back(form: Array, jacobian: Array, weights: Array) -> None:
     """From what an elimination left to the form of the stage before: its profile moves the position."""
     for c in range(2):
         form[2 + c, 2 + c] += weights[c]
     # (p, d₁, d₂) become (p, d, d₁): what was said of the stages before is said of one stage later.
     xx, xy, yy = form[2, 2], form[2, 3], form[3, 3]
     for c in range(2):
-        arm_x, arm_y = arms[c, 0], arms[c, 1]
+        arm_x, arm_y = jacobian[c, 0], jacobian[c, 1]
         on_x, on_y = form[2, 4 + c], form[3, 4 + c]
         form[c, 2] = on_x + arm_x * xx + arm_y * xy
         form[c, 3] = on_y + arm_x * xy + arm_y * yy
@@ -76,8 +76,8 @@ def _go_back(form: Array, arms: Array, weights: Array) -> None:
                 form[4 + c, 4 + other]
                 + arm_x * form[2, 4 + other]
                 + arm_y * form[3, 4 + other]
-                + form[c, 2] * arms[other, 0]
-                + form[c, 3] * arms[other, 1]
+                + form[c, 2] * jacobian[other, 0]
+                + form[c, 3] * jacobian[other, 1]
             )
         for before in range(2):
             form[c, 4 + before] = (
@@ -96,13 +96,13 @@ def _go_back(form: Array, arms: Array, weights: Array) -> None:
 
 
 @kernel
-def solve_stages_transposed(factor: Array, arms: Array, first: int, right: Array) -> None:
+def solve_stages_transposed(factor: Array, jacobian: Array, first: int, right: Array) -> None:
     """Replace the right-hand side (n,) by U⁻ᵀ times it; its entries before ``first`` are zero and stay so."""
     pull_x, pull_y = 0.0, 0.0
     for slot in range(first, len(right), 2):
         for c in range(2):
             here = slot + c
-            value = right[here] - arms[here, 0] * pull_x - arms[here, 1] * pull_y
+            value = right[here] - jacobian[here, 0] * pull_x - jacobian[here, 1] * pull_y
             if slot >= first + 2:
                 value -= factor[slot - 2, 4 + c] * right[slot - 2] + factor[slot - 1, 4 + c] * right[slot - 1]
             if slot >= first + 4:
@@ -115,7 +115,7 @@ def solve_stages_transposed(factor: Array, arms: Array, first: int, right: Array
 
 
 @kernel
-def solve_stages(factor: Array, arms: Array, right: Array) -> None:
+def solve_stages(factor: Array, jacobian: Array, right: Array) -> None:
     """Replace the right-hand side (n,) by U⁻¹ times it."""
     size = len(right)
     x, y = 0.0, 0.0
@@ -130,5 +130,5 @@ def solve_stages(factor: Array, arms: Array, right: Array) -> None:
             if c == 0:
                 value -= row[1] * right[slot + 1]
             right[slot + c] = value * row[c]
-        x += arms[slot, 0] * right[slot] + arms[slot + 1, 0] * right[slot + 1]
-        y += arms[slot, 1] * right[slot] + arms[slot + 1, 1] * right[slot + 1]
+        x += jacobian[slot, 0] * right[slot] + jacobian[slot + 1, 0] * right[slot + 1]
+        y += jacobian[slot, 1] * right[slot] + jacobian[slot + 1, 1] * right[slot + 1]

@@ -13,7 +13,7 @@ from agent.solve import ITERATIONS, joint_solver
 from agent.solve.multistart import WarmStarts, best_solution
 from agent.solve.problem import JointProblem, JointSolver, Solution, Start
 from agent.solve.realtime.distances import NOBODY
-from agent.solve.realtime.interior_point import Program
+from agent.solve.realtime.kkt import Program
 from agent.solve.realtime.sequential import Data
 from agent.solve.realtime.solver import _data_of
 from agent.solve.vehicle import Array, rollout
@@ -60,13 +60,13 @@ def dense(rows: int, apply: Any) -> Array:
     return np.column_stack([apply(unit) for unit in np.eye(rows)])
 
 
-def position_jacobian(arms: Array) -> Array:
-    """∂p_k/∂d of one robot, shape (K + 1, 2, n), from what arms mean: later positions all move."""
-    steps = len(arms) // 2
+def position_jacobian(jacobian: Array) -> Array:
+    """∂p_k/∂d of one robot, shape (K + 1, 2, n), from what jacobian mean: later positions all move."""
+    steps = len(jacobian) // 2
     result = np.zeros((steps + 1, 2, 2 * steps))
     for j in range(1, steps + 1):
         for slot in (2 * (steps - j), 2 * (steps - j) + 1):
-            result[j + 1 :, :, slot] = arms[slot]
+            result[j + 1 :, :, slot] = jacobian[slot]
     return result
 
 
@@ -105,7 +105,7 @@ def dense_program(program: Program) -> DenseProgram:
     """A program written out with full matrices, from the definitions in its docstrings alone."""
     robots, size = program.gradients.shape
     hessian = np.zeros((robots, size, robots, size))
-    jacobians = np.array([position_jacobian(arms) for arms in program.arms])
+    jacobians = np.array([position_jacobian(jacobian) for jacobian in program.jacobian])
     for robot, jacobian in enumerate(jacobians):
         hessian[robot, :, robot] = np.einsum("c,kcm,kcn->mn", program.weights, jacobian, jacobian)
         for stage, (turning, mixed, speeding) in enumerate(program.blocks[robot]):
@@ -133,13 +133,13 @@ def by_the_oracle(program: DenseProgram) -> Array:
 
     Rows with much room are left out at first, to save time.
     """
-    taking_part = program.gap < FAR_M
+    active = program.gap < FAR_M
     while True:
-        change = _by_the_oracle(program, program.rows[taking_part], program.gap[taking_part])
-        broken = (program.gap + program.rows @ change < 0.0) & ~taking_part
+        change = _by_the_oracle(program, program.rows[active], program.gap[active])
+        broken = (program.gap + program.rows @ change < 0.0) & ~active
         if not broken.any():
             return change
-        taking_part |= broken
+        active |= broken
 
 
 def _by_the_oracle(program: DenseProgram, rows: Array, gap: Array) -> Array:

@@ -13,8 +13,10 @@ from realtime_helpers import closed_loop, data_of, random_crossing
 from agent.estimate.joint_fit import LONGEST_M, SIGMAS, JointFit, gauss_newton
 from agent.estimate.window import window_of
 from agent.solve.problem import PRICE_PER_M
-from agent.solve.realtime.interior_point import Program, respond, solve_program
+from agent.solve.realtime.kkt import Program
 from agent.solve.realtime.profiles import pull_back, states_of
+from agent.solve.realtime.qp import solve_program
+from agent.solve.realtime.sensitivities import respond
 from agent.solve.realtime.sequential import program_about
 from agent.solve.vehicle import Array
 from protocol.scene import Horizons
@@ -30,8 +32,8 @@ def programs(robots: int, seed: int) -> Iterator[Program]:
 
 
 def solved(program: Program, gradients: Array) -> Array:
-    pressures = np.zeros((2, *program.low.shape))
-    outcome = solve_program(program._replace(gradients=gradients), pressures, TIGHT)
+    limit_multipliers = np.zeros((2, *program.low.shape))
+    outcome = solve_program(program._replace(gradients=gradients), limit_multipliers, TIGHT)
     assert outcome.solved
     return outcome.change
 
@@ -45,7 +47,7 @@ def test_the_response_to_a_shifted_goal_is_that_of_finite_differences(robots, se
             pull = np.zeros((program.gradients.shape[1] // 2 + 1, 2))
             pull[:, goal % 2] = -program.weights[goal % 2]
             change = np.zeros_like(program.gradients)
-            pull_back(program.arms[goal // 2], pull, change[goal // 2])
+            pull_back(program.jacobian[goal // 2], pull, change[goal // 2])
             there, back = (solved(program, program.gradients + side * 1e-3 * change) for side in (1.0, -1.0))
             expected = (there - back) / 2e-3
             errors.append(np.abs(respond(program, outcome, change) - expected).max() / np.abs(expected).max())

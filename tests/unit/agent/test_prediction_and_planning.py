@@ -125,8 +125,8 @@ def test_the_first_prediction_starts_cold_and_each_further_one_from_the_last_a_s
     for row, robot in enumerate("ab"):
         np.testing.assert_array_equal(warm.inputs[row], [*first.inputs[robot][1:], (0.0, 0.0)])
         np.testing.assert_array_equal(warm.forces[row], [*first.starts[robot].forces[0, 1:], (0.0, 0.0)])
-        pressures = first.starts[robot].pressures[0]
-        np.testing.assert_array_equal(warm.pressures[row], [*pressures[1:], np.zeros(5)])
+        limit_multipliers = first.starts[robot].limit_multipliers[0]
+        np.testing.assert_array_equal(warm.limit_multipliers[row], [*limit_multipliers[1:], np.zeros(5)])
 
 
 def test_the_first_prediction_is_the_best_of_the_cold_starts():
@@ -168,10 +168,12 @@ def test_robots_that_appear_start_cold_and_those_that_stay_start_warm():
         for row, kept in ((0, 0), (2, 1)):
             np.testing.assert_array_equal(start.inputs[row, :-1], solution.inputs[kept, 1:])
             np.testing.assert_array_equal(start.forces[row, :-1], solution.forces[kept, 1:])
-            np.testing.assert_array_equal(start.pressures[row, :-1], solution.pressures[kept, 1:])
+            np.testing.assert_array_equal(
+                start.limit_multipliers[row, :-1], solution.limit_multipliers[kept, 1:]
+            )
         np.testing.assert_array_equal(start.inputs[1], unknown.inputs[1])
         assert not start.forces[1].any()
-        assert not start.pressures[1].any()
+        assert not start.limit_multipliers[1].any()
         assert not start.warm
     starts.forget()
     assert_same_starts(starts.starts(problem, ["a", "b", "c"]), colds)
@@ -191,7 +193,7 @@ def test_a_plan_leads_to_the_goal_it_was_given_among_the_predicted_paths():
     np.testing.assert_array_equal(start.inputs, prediction.inputs["a"][None])
     assert start is prediction.starts["a"]
     assert start.forces.any()
-    assert start.pressures.any()
+    assert start.limit_multipliers.any()
     estimated, true = (np.linalg.norm(plan.states[-1, :2] - goal[:2]) for goal in (GOALS["a"], true_goal))
     assert true < estimated
     for robot in "bc":

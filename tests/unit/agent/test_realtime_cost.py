@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from realtime_helpers import dense, driven, position_jacobian, wild_states
 
 from agent.solve.realtime.cost import LEAST_CURVATURE, blocks_of, cost_of, gradient_of
-from agent.solve.realtime.profiles import arms_of
+from agent.solve.realtime.profiles import jacobian_of
 
 seeds = st.integers(0, 2**32 - 1)
 sizes = st.integers(1, 12)
@@ -49,7 +49,7 @@ def test_the_cost_is_that_of_the_problem(seed, robots, steps):
 @given(seeds, sizes)
 def test_the_gradient_is_the_derivative_of_the_cost_of_the_rollout(seed, steps):
     _, states, goals, weights = a_case(seed, steps)
-    found = gradient_of(states, goals, weights, arms_of(states, STEP_S))
+    found = gradient_of(states, goals, weights, jacobian_of(states, STEP_S))
     for robot in range(2):
         expected = lagrangian_gradient(
             states[robot], goals[robot], weights, np.zeros((steps + 1, 2)), np.zeros(2 * steps)
@@ -57,9 +57,9 @@ def test_the_gradient_is_the_derivative_of_the_cost_of_the_rollout(seed, steps):
         np.testing.assert_allclose(found[robot], expected, atol=1e-12 * max(1.0, np.abs(expected).max()))
 
 
-def quadratic_model(blocks, arms, weights):
+def quadratic_model(blocks, jacobian, weights):
     """Σ_k (∂p_k)ᵀ 2Q ∂p_k and a block a stage, as one matrix."""
-    jacobian = position_jacobian(arms)
+    jacobian = position_jacobian(jacobian)
     model = np.einsum("c,kcm,kcn->mn", 2.0 * weights[:2], jacobian, jacobian)
     for stage, (turning, mixed, speeding) in enumerate(blocks):
         here = slice(2 * stage, 2 * stage + 2)
@@ -88,7 +88,7 @@ def test_where_no_block_is_projected_the_model_is_the_second_derivative_of_the_l
         return (above - below) / (2 * size)
 
     expected = dense(2 * steps, difference)
-    found = quadratic_model(blocks, arms_of(states, STEP_S)[0], weights)
+    found = quadratic_model(blocks, jacobian_of(states, STEP_S)[0], weights)
     curved = 2.0 * np.diag(np.resize(weights[2:], 2 * steps))
     # What the large weights add is exact on both sides, and would hide everything else.
     scale = max(1.0, np.abs(expected - curved).max())

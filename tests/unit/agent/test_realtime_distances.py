@@ -89,13 +89,13 @@ def test_gaps_after_small_displacements_are_the_true_ones(seed, robots, obstacle
 def test_forces_are_the_transpose_of_the_gaps_and_add(seed, robots, obstacles, steps):
     random, states, others, safe = a_crowd(seed, robots, obstacles, steps)
     rows = rows_about(states, others, safe, AREA)
-    taking_part = random.permutation(len(rows.gap))[: (len(rows.gap) + 1) // 2]
-    sizes, shifts = random.normal(size=len(taking_part)), random.normal(size=(robots, steps + 1, 2))
+    active = random.permutation(len(rows.gap))[: (len(rows.gap) + 1) // 2]
+    sizes, shifts = random.normal(size=len(active)), random.normal(size=(robots, steps + 1, 2))
     before = random.normal(size=(robots, steps + 1, 2))
     forces = before.copy()
-    add_forces(rows, taking_part, sizes, forces)
+    add_forces(rows, active, sizes, forces)
     change = gaps_by_kernel(rows, shifts) - rows.gap
-    assert ((forces - before) * shifts).sum() == pytest.approx(sizes @ change[taking_part], abs=1e-9)
+    assert ((forces - before) * shifts).sum() == pytest.approx(sizes @ change[active], abs=1e-9)
 
 
 @given(seeds, robots_, obstacles_, steps_)

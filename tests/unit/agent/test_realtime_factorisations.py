@@ -26,7 +26,7 @@ class Case:
     def __init__(self, seed: int, steps: int) -> None:
         random = np.random.default_rng(seed)
         self.random, self.size = random, 2 * steps
-        self.arms = random.normal(size=(self.size, 2))
+        self.jacobian = random.normal(size=(self.size, 2))
         self.weights = random.uniform(0.1, 3.0, 2)
         roots = random.normal(size=(steps, 2, 2))
         positive = roots @ roots.swapaxes(1, 2) + 1e-3 * np.eye(2)
@@ -34,7 +34,7 @@ class Case:
         rows = random.uniform(0.0, 5.0, 5 * steps)
         self.bands = np.empty((self.size, 3))
         limit_bands(rows, STEP_S, self.bands)
-        jacobian, limits = position_jacobian(self.arms), limit_matrix(steps, STEP_S)
+        jacobian, limits = position_jacobian(self.jacobian), limit_matrix(steps, STEP_S)
         self.matrix = np.einsum("c,kcm,kcn->mn", self.weights, jacobian, jacobian)
         self.matrix += limits.T @ np.diag(rows) @ limits
         for stage in range(steps):
@@ -43,7 +43,7 @@ class Case:
         self.factor = np.full((self.size, WIDTH), np.nan)
 
     def factorise(self) -> bool:
-        return factorise_stages(self.arms, self.weights, self.blocks, self.bands, self.factor)
+        return factorise_stages(self.jacobian, self.weights, self.blocks, self.bands, self.factor)
 
     @property
     def upper(self) -> np.ndarray:
@@ -60,10 +60,10 @@ def test_solving_stage_by_stage_is_solving_with_the_whole_matrix(seed, steps):
     right = case.random.normal(size=case.size)
     assert case.factorise()
     half = right.copy()
-    solve_stages_transposed(case.factor, case.arms, 0, half)
+    solve_stages_transposed(case.factor, case.jacobian, 0, half)
     assert_close(half, np.linalg.solve(case.upper.T, right))
     whole = half.copy()
-    solve_stages(case.factor, case.arms, whole)
+    solve_stages(case.factor, case.jacobian, whole)
     assert_close(whole, np.linalg.solve(case.upper, half))
     assert_close(case.matrix @ whole, right)
 
@@ -77,7 +77,7 @@ def test_leading_zeros_are_skipped_and_stay(seed, steps, stage):
     right[:first] = 0.0
     half = right.copy()
     half[:first] = np.nan  # never read
-    solve_stages_transposed(case.factor, case.arms, first, half)
+    solve_stages_transposed(case.factor, case.jacobian, first, half)
     assert np.isnan(half[:first]).all()
     assert_close(half[first:], np.linalg.solve(case.upper.T, right)[first:])
 
@@ -93,7 +93,7 @@ def test_a_matrix_that_is_not_positive_definite_is_refused(seed, steps, stage, h
     assert not case.factorise()
 
 
-@pytest.mark.parametrize("part", ["arms", "blocks", "bands", "weights"])
+@pytest.mark.parametrize("part", ["jacobian", "blocks", "bands", "weights"])
 def test_a_matrix_that_holds_no_number_is_refused(part):
     case = Case(0, 6)
     getattr(case, part)[-1] = np.nan

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from realtime_helpers import dense, driven, position_jacobian, slots, stages, wild_states
 
-from agent.solve.realtime.profiles import arms_of, displacements, inputs_of, moved, pull_back, states_of
+from agent.solve.realtime.profiles import displacements, inputs_of, jacobian_of, moved, pull_back, states_of
 from agent.solve.vehicle import rollout
 
 seeds = st.integers(0, 2**32 - 1)
@@ -41,18 +41,18 @@ def test_displacements_are_the_derivative_of_the_rollout(seed, steps):
     states, change = wild_states(random, 1, steps), random.normal(size=2 * steps)
     derivative = driven(states[0], 1e-30j * change, STEP_S).imag[:, :2] / 1e-30
     found = np.full((steps + 1, 2), np.nan)
-    displacements(arms_of(states, STEP_S)[0], change, found)
+    displacements(jacobian_of(states, STEP_S)[0], change, found)
     np.testing.assert_allclose(found, derivative, atol=1e-12 * max(1.0, np.abs(derivative).max()))
 
 
 @given(seeds, sizes)
 def test_pulling_back_is_the_transpose_of_displacing_and_adds(seed, steps):
     random = np.random.default_rng(seed)
-    arms, change = arms_of(wild_states(random, 1, steps), STEP_S)[0], random.normal(size=2 * steps)
+    jacobian, change = jacobian_of(wild_states(random, 1, steps), STEP_S)[0], random.normal(size=2 * steps)
     forces, before = random.normal(size=(steps + 1, 2)), random.normal(size=2 * steps)
     shifts, pulled = np.empty((steps + 1, 2)), before.copy()
-    displacements(arms, change, shifts)
-    pull_back(arms, forces, pulled)
+    displacements(jacobian, change, shifts)
+    pull_back(jacobian, forces, pulled)
     np.testing.assert_allclose((pulled - before) @ change, (forces * shifts).sum(), atol=1e-10)
 
 
@@ -60,14 +60,14 @@ def test_the_oracles_matrix_and_order_of_variables_are_those_of_the_kernels():
     """What other tests compare with is itself compared, once."""
     random = np.random.default_rng(4)
     states = wild_states(random, 1, 6)
-    arms = arms_of(states, STEP_S)[0]
+    jacobian = jacobian_of(states, STEP_S)[0]
 
     def displaced(change: np.ndarray) -> np.ndarray:
         result = np.empty((7, 2))
-        displacements(arms, change, result)
+        displacements(jacobian, change, result)
         return result.ravel()
 
-    np.testing.assert_allclose(position_jacobian(arms).reshape(14, 12), dense(12, displaced), atol=1e-15)
+    np.testing.assert_allclose(position_jacobian(jacobian).reshape(14, 12), dense(12, displaced), atol=1e-15)
     values = random.normal(size=(3, 6, 2))
     np.testing.assert_array_equal(stages(slots(values)), values)
     np.testing.assert_array_equal(slots(values)[:, :2], values[:, -1])

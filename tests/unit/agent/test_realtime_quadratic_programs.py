@@ -20,13 +20,9 @@ from realtime_helpers import (
 
 from agent.solve.problem import PRICE_PER_M
 from agent.solve.realtime.distances import NOBODY, Rows
-from agent.solve.realtime.interior_point import (
-    MOST_ITERATIONS,
-    Outcome,
-    Program,
-    solve_program,
-)
+from agent.solve.realtime.kkt import Program
 from agent.solve.realtime.profiles import states_of
+from agent.solve.realtime.qp import MOST_ITERATIONS, Outcome, solve_program
 from agent.solve.realtime.sequential import program_about
 from agent.solve.realtime.solver import TOLERANCE
 from agent.solve.vehicle import Array
@@ -35,12 +31,12 @@ TIGHT = 1e-6
 """Tolerance with which solutions are compared; the solver's own one leaves visible differences."""
 
 
-def pressures_of(program: Program) -> Array:
+def no_multipliers(program: Program) -> Array:
     return np.zeros((2, *program.low.shape))
 
 
 def solve(program: Program, tolerance: float = TIGHT) -> Outcome:
-    return solve_program(program, pressures_of(program), tolerance)
+    return solve_program(program, no_multipliers(program), tolerance)
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +65,7 @@ def random_program(random: np.random.Generator, robots: int, steps: int, rows: i
         weights=random.uniform(0.1, 3.0, 2),
         blocks=positive[:, :, [0, 0, 1], [0, 1, 1]].copy(),
         gradients=random.normal(scale=10.0, size=(robots, size)),
-        arms=random.normal(size=(robots, size, 2)),
+        jacobian=random.normal(size=(robots, size, 2)),
         low=-low,
         high=high,
         rows=Rows(
@@ -99,7 +95,7 @@ def assert_as_the_oracle(program: Program, outcome: Outcome) -> None:
 def test_recorded_programs_are_solved_as_by_the_oracle(recorded):
     outcomes = [solve(program) for program in recorded]
     assert len(recorded) >= 20
-    pushed = [outcome.largest_force > 1.0 for outcome in outcomes]
+    pushed = [outcome.largest_multiplier > 1.0 for outcome in outcomes]
     assert sum(pushed) > 15, "distances are meant to matter"
     for program, outcome in zip(recorded, outcomes, strict=True):
         assert_as_the_oracle(program, outcome)
@@ -130,11 +126,11 @@ def test_solutions_balance_and_keep_limits_rows_and_signs(recorded, tolerance):
         assert outcome.solved
         size = outcome.change.shape[1]
         written_out, limits = dense_program(program), limit_matrix(size // 2, STEP_S)
-        low, high = outcome.pressures
-        assert (outcome.pressures >= 0.0).all()
+        low, high = outcome.limit_multipliers
+        assert (outcome.limit_multipliers >= 0.0).all()
         pushed = [
-            np.einsum("kc,kcn->n", forces, position_jacobian(arms))
-            for forces, arms in zip(outcome.forces, program.arms, strict=True)
+            np.einsum("kc,kcn->n", forces, position_jacobian(jacobian))
+            for forces, jacobian in zip(outcome.forces, program.jacobian, strict=True)
         ]
         balance = written_out.hessian @ outcome.change.ravel() + written_out.gradient
         balance += ((high - low) @ limits - pushed).ravel()
@@ -143,11 +139,13 @@ def test_solutions_balance_and_keep_limits_rows_and_signs(recorded, tolerance):
         room = np.array([quantities - program.low, program.high - quantities])
         assert (room >= -2 * tolerance).all()
         # Complementarity is kept on average; room is slack within the tolerance of feasibility.
-        assert (room * outcome.pressures).mean() <= 2 * tolerance * (1.0 + outcome.pressures.mean())
+        assert (room * outcome.limit_multipliers).mean() <= 2 * tolerance * (
+            1.0 + outcome.limit_multipliers.mean()
+        )
         gaps = program.rows.gap + written_out.rows @ outcome.change.ravel()
         assert gaps.min() >= -1e-6 - 2 * tolerance, "all of these can be kept"
         if gaps.min() > 0.01:
-            assert outcome.largest_force < 0.1
+            assert outcome.largest_multiplier < 0.1
 
 
 def test_distances_that_cannot_be_kept_cost_their_price_and_no_more(recorded):
@@ -157,7 +155,7 @@ def test_distances_that_cannot_be_kept_cost_their_price_and_no_more(recorded):
         crowded = program._replace(rows=program.rows._replace(gap=gap))
         outcome = solve(crowded, TOLERANCE)
         assert outcome.solved
-        assert outcome.largest_force == pytest.approx(PRICE_PER_M, rel=1e-6)
+        assert outcome.largest_multiplier == pytest.approx(PRICE_PER_M, rel=1e-6)
         quantities = outcome.change @ limit_matrix(outcome.change.shape[1] // 2, STEP_S).T
         assert (quantities >= program.low - 1e-4).all()
         assert (quantities <= program.high + 1e-4).all()
@@ -170,7 +168,7 @@ def test_multipliers_of_the_solution_make_solving_again_quick(recorded):
     iterations = {"first": 0, "again": 0}
     for program in recorded:
         first = solve(program, TOLERANCE)
-        again = solve_program(program._replace(forces=first.forces), first.pressures, TOLERANCE)
+        again = solve_program(program._replace(forces=first.forces), first.limit_multipliers, TOLERANCE)
         assert again.solved
         np.testing.assert_allclose(again.change, first.change, atol=0.02)
         iterations["first"] += first.iterations
@@ -183,19 +181,20 @@ def test_the_same_program_has_the_same_solution_bit_for_bit(recorded):
         one, other = solve(program), solve(program)
         np.testing.assert_array_equal(one.change, other.change)
         np.testing.assert_array_equal(one.forces, other.forces)
-        np.testing.assert_array_equal(one.pressures, other.pressures)
+        np.testing.assert_array_equal(one.limit_multipliers, other.limit_multipliers)
 
 
 @pytest.mark.parametrize(
-    "part", ["weights", "blocks", "gradients", "arms", "low", "high", "normal", "gap", "pressures"]
+    "part",
+    ["weights", "blocks", "gradients", "jacobian", "low", "high", "normal", "gap", "limit_multipliers"],
 )
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_program_with_a_value_that_is_no_number_is_not_solved(recorded, part, value):
-    program, pressures = recorded[3], pressures_of(recorded[3])
+    program, limit_multipliers = recorded[3], no_multipliers(recorded[3])
     rows = program.rows
     near = int(rows.gap.argmin())
-    if part == "pressures":
-        pressures[0, 1, 7] = value
+    if part == "limit_multipliers":
+        limit_multipliers[0, 1, 7] = value
     elif part in ("normal", "gap"):
         spoiled = getattr(rows, part).copy()
         spoiled[near] = -value
@@ -204,7 +203,7 @@ def test_a_program_with_a_value_that_is_no_number_is_not_solved(recorded, part, 
         spoiled = getattr(program, part).copy()
         spoiled[(-1,) * spoiled.ndim] = value
         program = program._replace(**{part: spoiled})
-    assert not solve_program(program, pressures, TOLERANCE).solved
+    assert not solve_program(program, limit_multipliers, TOLERANCE).solved
 
 
 def test_what_cannot_be_reached_ends_after_the_most_iterations(recorded):
@@ -228,7 +227,7 @@ def test_robots_without_any_row_are_solved_on_their_own(recorded):
             free._replace(
                 **{
                     part: getattr(free, part)[[robot]]
-                    for part in ("blocks", "gradients", "arms", "low", "high", "forces")
+                    for part in ("blocks", "gradients", "jacobian", "low", "high", "forces")
                 }
             )
         )

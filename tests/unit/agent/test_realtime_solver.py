@@ -182,7 +182,7 @@ def test_the_layout_of_arrays_in_memory_changes_nothing_and_compiles_nothing():
     for layout in (np.asfortranarray, strided):
         other = replace(problem, **{field: layout(getattr(problem, field)) for field in FIELDS})
         start = cold(problem)
-        parts = {part: layout(getattr(start, part)) for part in ("inputs", "forces", "pressures")}
+        parts = {part: layout(getattr(start, part)) for part in ("inputs", "forces", "limit_multipliers")}
         start = replace(start, **parts)
         assert_same(solve(other, start), expected)
     assert compiled() == before

@@ -22,8 +22,8 @@ def solution(objective: float, *, solved=True, violation_m=0.0, deadlock=False) 
     if deadlock:
         states[:, :, :2] = [[[-0.7, 0.0]], [[0.7, 0.0]]]
         forces[:, -1, 0] = (-5.0, 5.0)
-    pressures = np.zeros((2, 30, 5))
-    return Solution(inputs, states, forces, pressures, objective, violation_m, solved, iterations=1)
+    limit_multipliers = np.zeros((2, 30, 5))
+    return Solution(inputs, states, forces, limit_multipliers, objective, violation_m, solved, iterations=1)
 
 
 class Canned:

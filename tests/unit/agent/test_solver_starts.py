@@ -64,8 +64,8 @@ def test_cold_starts_lean_left_right_alternately_and_not_at_all_and_expect_no_fo
         np.testing.assert_array_equal(start.inputs[:, :, 1], braking_inputs(problem)[:, :, 1])
         assert start.forces.shape == (len(problem.states), problem.steps + 1, 2)
         assert not start.forces.any()
-        assert start.pressures.shape == (len(problem.states), problem.steps, 5)
-        assert not start.pressures.any()
+        assert start.limit_multipliers.shape == (len(problem.states), problem.steps, 5)
+        assert not start.limit_multipliers.any()
         assert not start.warm
     left, right, alternating, straight = (start.inputs[:, :, 0] for start in starts)
     assert (right <= straight).all()
