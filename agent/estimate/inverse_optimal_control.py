@@ -162,9 +162,10 @@ def solve_inverse(problem: InverseProblem, iterations: int) -> InverseSolution:
     jacobian, stationarity, by_goal, terminal, scale = _linearised(problem)
     stationarity /= scale if scale > 0.0 else 1.0
     fixed = LEAST_CURVATURE * np.eye(size + GIVEN)
-    for row in terminal:
-        for u in range(size):
-            fixed[u] += 0.5 * row[u] * row
+    for u in range(size):
+        for w in range(u, size):
+            for j in range(4):
+                fixed[u, w] += 0.5 * terminal[j, u] * terminal[j, w]
     multipliers, slacks = np.full(values.shape, FIRST_MULTIPLIER), np.full(values.shape, FIRST_SLACK)
     residuals = 2.0 * multipliers - slacks
     for k in range(len(values)):

@@ -106,17 +106,6 @@ def test_violations_are_the_sum_and_the_largest_of_all_shortfalls(seed, robots, 
     assert violations_of(states, others, safe, AREA) == pytest.approx(expected, abs=1e-12)
 
 
-def test_normals_point_to_the_first_robot_and_into_the_area():
-    states = np.zeros((2, 3, 4))
-    states[0, :, :2], states[1, :, :2] = (3.0, 4.0), (0.0, 0.0)
-    rows = rows_about(states, np.zeros((0, 3, 2)), np.full((2, 2), 1.39), AREA)
-    np.testing.assert_allclose(rows.normal[0], [0.6, 0.8])
-    assert rows.gap[0] == pytest.approx(5.0 - 1.39)
-    of_first = (rows.first == 0) & (rows.second == NOBODY)
-    np.testing.assert_array_equal(rows.normal[of_first], [[1, 0], [-1, 0], [0, 1], [0, -1]])
-    np.testing.assert_allclose(rows.gap[of_first], [8.0, 3.0, 8.0, 3.0])
-
-
 def test_robots_in_one_place_are_pushed_apart_along_x():
     states = np.ones((2, 3, 4))
     rows = rows_about(states, np.ones((1, 3, 2)), np.full((2, 3), 1.39), AREA)

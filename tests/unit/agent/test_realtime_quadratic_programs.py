@@ -176,14 +176,6 @@ def test_multipliers_of_the_solution_make_solving_again_quick(recorded):
     assert iterations["again"] < 0.9 * iterations["first"]
 
 
-def test_the_same_program_has_the_same_solution_bit_for_bit(recorded):
-    for program in recorded[::5]:
-        one, other = solve(program), solve(program)
-        np.testing.assert_array_equal(one.change, other.change)
-        np.testing.assert_array_equal(one.forces, other.forces)
-        np.testing.assert_array_equal(one.limit_multipliers, other.limit_multipliers)
-
-
 @pytest.mark.parametrize(
     "part",
     ["weights", "blocks", "gradients", "jacobian", "low", "high", "normal", "gap", "limit_multipliers"],
@@ -206,29 +198,9 @@ def test_a_program_with_a_value_that_is_no_number_is_not_solved(recorded, part, 
     assert not solve_program(program, limit_multipliers, TOLERANCE).solved
 
 
-def test_what_cannot_be_reached_ends_after_the_most_iterations(recorded):
-    outcome = solve(recorded[0], tolerance=-1.0)
+def test_what_cannot_be_reached_and_a_hessian_that_is_not_positive_definite_are_not_solved(recorded):
+    program = recorded[0]
+    outcome = solve(program, tolerance=-1.0)
     assert not outcome.solved
     assert 0 < outcome.iterations <= MOST_ITERATIONS
-
-
-def test_a_hessian_that_is_not_positive_definite_is_not_solved(recorded):
-    program = recorded[0]
     assert not solve(program._replace(blocks=program.blocks - np.array([1e4, 0.0, 0.0]))).solved
-
-
-def test_robots_without_any_row_are_solved_on_their_own(recorded):
-    """Together or alone: nothing but rows connects them."""
-    program = recorded[3]
-    free = program._replace(rows=Rows(0, *(each[:0] for each in program.rows[1:])))
-    together = solve(free)
-    for robot in range(len(free.gradients)):
-        alone = solve(
-            free._replace(
-                **{
-                    part: getattr(free, part)[[robot]]
-                    for part in ("blocks", "gradients", "jacobian", "low", "high", "forces")
-                }
-            )
-        )
-        np.testing.assert_allclose(alone.change[0], together.change[robot], atol=0.02)
