@@ -20,7 +20,7 @@ from protocol.scene import MAX_ROBOTS, Goal
 PAGE = Path(__file__).parents[2] / "docs" / "agent.md"
 COMMAND = typer.main.get_command(app_of(main))
 OPTIONS = {parameter.opts[0]: parameter for parameter in COMMAND.params if parameter.name != "help"}
-NONE = {"–", "none", "must be told"}
+NONE = {"–", "none", "required"}
 
 
 def rows(head: str) -> list[list[str]]:
@@ -60,7 +60,7 @@ def test_the_table_says_of_each_option_what_is_so(row: list[str]) -> None:
     parameter = OPTIONS[code(name) or ""]
     assert code(environment) == parameter.envvar
     assert code(in_file) == (parameter.name if parameter.name in FileOptions.model_fields else None)
-    assert (default == "must be told") == parameter.required
+    assert (default == "required") == parameter.required
     if parameter.name not in ("check", "json"):
         assert code(default) == (None if parameter.default is None else str(parameter.default))
 
