@@ -46,7 +46,9 @@ class Predictor:
     def predict(self, memory: Memory, goals: Mapping[str, Array], parked: Collection[str]) -> Prediction:
         """Solve eq. 7 for all robots in memory; those known to be parked stay where they are."""
         stages = self._scene.horizons.prediction_steps + 1
-        resting = {robot: np.tile(memory.state(robot)[:2], (stages, 1)) for robot in parked}
+        resting = {
+            robot: np.tile(memory.state(robot)[:2], (stages, 1)) for robot in memory.robots if robot in parked
+        }
         free = {robot: goals[robot] for robot in memory.robots if robot not in parked}
         inputs = {robot: memory.previous_input(robot) for robot in free}
         problem = joint_problem(self._scene, memory.present(), free, resting, inputs)

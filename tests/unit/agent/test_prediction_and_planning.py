@@ -113,6 +113,17 @@ def test_parked_robots_stay_and_are_avoided():
     assert gaps.min() == pytest.approx(SAFETY_M, abs=TOLERANCE_M)
 
 
+def test_parked_robots_stand_in_one_order_however_they_are_named():
+    memory = memory_of("abc")
+    orders = [["b", "c"], ["c", "b"]]
+    paths = [
+        Predictor(scene_of("abc"), SOLVERS["realtime"], NEVER).predict(memory, GOALS, order).paths
+        for order in orders
+    ]
+    assert [list(each) for each in paths] == [["a", "b", "c"]] * 2
+    np.testing.assert_array_equal(paths[0]["a"], paths[1]["a"])
+
+
 def test_the_first_prediction_starts_cold_and_each_further_one_from_the_last_a_step_on():
     solver, memory = Watched(), memory_of("ab")
     predictor = Predictor(scene_of("ab"), solver, NEVER)
