@@ -3,26 +3,12 @@
 import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand
 
 from chassis.refusal import LOOK, ExitStatus, Group, app_of
-
-
-def command_of(target: Callable[..., None] | typer.Typer) -> TyperCommand | TyperGroup:
-    """The command of a function or of an app of its own."""
-    app = target if isinstance(target, typer.Typer) else app_of(target)
-    command = cast(TyperCommand | TyperGroup, typer.main.get_command(app))
-    _plain(command)
-    return command
-
-
-def _plain(command: Any) -> None:
-    command.rich_markup_mode = None
-    for each in getattr(command, "commands", {}).values():
-        _plain(each)
 
 
 def lazy_app(
@@ -77,9 +63,10 @@ def lazy_app(
     return app
 
 
-def _imported(where: str) -> TyperCommand | TyperGroup:
+def _imported(where: str) -> Any:
     module, _, attribute = where.partition(":")
     try:
-        return command_of(getattr(import_module(module), attribute))
+        target = getattr(import_module(module), attribute)
+        return typer.main.get_command(target if isinstance(target, typer.Typer) else app_of(target))
     except KeyboardInterrupt:  # imports take a second, in which Ctrl-C is answered quietly, too
         sys.exit(ExitStatus.UNMET)

@@ -1,9 +1,34 @@
-"""Files that are never seen half written, and the base of the records in them."""
+"""Files: written whole or not at all, and read from YAML that people write, with a line for every mistake."""
 
 import os
+import re
+from collections.abc import Callable, Iterable, Iterator
+from difflib import get_close_matches
 from pathlib import Path
+from typing import Any, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from chassis.refusal import Refusal
+
+MAX_FILE_BYTES = 1024 * 1024
+MAX_PROBLEMS = 5
+"""Described one by one; the others are only counted."""
+
+_CORE = "tag:yaml.org,2002:"
+_TEXT, _NOTHING = _CORE + "str", _CORE + "null"
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE)
+_SHOWN = 40
+_INCOMPLETE = ("missing", "union_tag_invalid", "union_tag_not_found")
+"""Errors at a field that a map lacks, or that says of what kind the map is."""
+_PLAIN = {_TEXT, _NOTHING, *(_CORE + kind for kind in ("int", "float", "bool", "timestamp", "map", "seq"))}
+
+Location = tuple[str | int, ...]
+Problem = tuple[int, str]
+"""A line, from 1, and what is wrong there."""
+M = TypeVar("M", bound=BaseModel)
 
 
 class Record(BaseModel):
@@ -38,3 +63,248 @@ def write_whole(path: Path, content: str | bytes) -> None:
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
+
+
+def mistake_at(where: str, what: str) -> PydanticCustomError:
+    """A mistake of the whole that a validator finds at one place, such as ``robots.2.goal``."""
+    return PydanticCustomError("mistake", "{what}", {"where": where, "what": what})
+
+
+def read_as(
+    path: Path,
+    model: type[M],
+    what: str,
+    check: Callable[[M], object] = lambda _found: None,
+    text: str | None = None,
+) -> M:
+    """Read a YAML file.
+
+    Args:
+        path: of the file.
+        model: what it holds.
+        what: its name for people.
+        check: of the whole; it may raise :func:`mistake_at`.
+        text: of the file, where it has been read already.
+
+    Raises:
+        Refusal: the file cannot be read, is too large, is no single YAML map, or is not valid. One line a
+            problem, with file, line and field.
+    """
+    text = _text_of(path) if text is None else text
+    root: yaml.Node | None = None
+    problems: list[Problem]
+    try:
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        if root is None:
+            raise Refusal(f"{path}: the file is empty; a {what} needs {_map_of(model)}")
+        problems = list(_made_plain(root, set()))
+        if not problems:
+            found = model.model_validate(yaml.constructor.SafeConstructor().construct_document(root))
+            check(found)
+            return found
+    except RecursionError:
+        raise Refusal(f"{path}: nested too deep; a {what} has five levels at most") from None
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        why = ", ".join(part for part in (error.context, error.problem) if part)
+        problems = [(line, f"one YAML document is expected: {why}")]
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        problems = [(line, f"the character U+{error.character:04X} is not allowed")]
+    except ValidationError as error:
+        problems = list(_located(root, model, error.errors(include_url=False)))
+    except PydanticCustomError as error:
+        whole = ErrorDetails(type=error.type, loc=(), msg="", input=None, ctx=error.context or {})
+        problems = list(_located(root, model, [whole]))
+    lines = [f"{path}:{line}: {problem}" for line, problem in sorted(problems)]
+    rest = [f"and {len(lines) - MAX_PROBLEMS} more"] if len(lines) > MAX_PROBLEMS else []
+    raise Refusal("\n".join(lines[:MAX_PROBLEMS] + rest))
+
+
+def _text_of(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            content = file.read(MAX_FILE_BYTES + 1)
+    except OSError as error:
+        raise Refusal(f"{path}: the file cannot be read: {error.strerror}") from None
+    if len(content) > MAX_FILE_BYTES:
+        raise Refusal(f"{path}: the file is larger than {MAX_FILE_BYTES} bytes, which is too much")
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        found = f"the byte 0x{content[error.start]:02x}"
+        raise Refusal(f"{path}:{line}: UTF-8 text is expected, found {found}") from None
+
+
+def _made_plain(node: yaml.Node, done: set[yaml.Node]) -> Iterator[Problem]:
+    """Make every key of a document text and merge what ``<<`` names, once for each node, however often used.
+
+    Yields:
+        Keys given twice, of which YAML readers silently take the last, and all that makes no plain value.
+    """
+    if node in done:
+        return
+    done.add(node)
+    if node.tag not in _PLAIN:
+        kind = node.tag.replace(_CORE, "!!")
+        yield _line(node), f"the tag {kind} is not allowed: plain maps, lists, numbers and text are expected"
+    elif isinstance(node, yaml.SequenceNode):
+        for child in node.value:
+            yield from _made_plain(child, done)
+    elif isinstance(node, yaml.MappingNode):
+        yield from _made_plain_map(node, done)
+    else:
+        try:
+            yaml.constructor.SafeConstructor().construct_object(node)
+        # PyYAML matches '2026-13-45' or '!!bool maybe' to a type and lets escape whatever that type raises.
+        except Exception:
+            yield _line(node), f"'{_short(node.value)}' cannot be read as {node.tag.replace(_CORE, '!!')}"
+
+
+def _made_plain_map(node: yaml.MappingNode, done: set[yaml.Node]) -> Iterator[Problem]:
+    own: dict[str, tuple[yaml.Node, yaml.Node]] = {}
+    merged: dict[str, tuple[yaml.Node, yaml.Node]] = {}
+    for key, child in node.value:
+        yield from _made_plain(child, done)
+        if not isinstance(key, yaml.ScalarNode):
+            yield _line(key), "a key must be text, found a map or a list"
+        elif key.value in own:
+            what = f"'{_short(key.value)}' is given twice, first in line {_line(own[key.value][0])}"
+            yield _line(key), f"{what}: keep one of the two"
+        else:
+            own[key.value] = key, child
+            if key.tag == _CORE + "merge":  # of several maps, the first one wins; over all, the own fields
+                for source in reversed(child.value if isinstance(child, yaml.SequenceNode) else [child]):
+                    if isinstance(source, yaml.MappingNode):
+                        merged |= {each.value: (each, value) for each, value in source.value}
+                    else:
+                        yield _line(source), "'<<' merges maps, found something else"
+            else:
+                key.tag = _TEXT
+    node.value = [pair for pair in (merged | own).values() if pair[0].tag == _TEXT]
+
+
+def _located(root: yaml.Node | None, model: type[BaseModel], errors: list[ErrorDetails]) -> Iterator[Problem]:
+    """Each error at its place in the file."""
+    assert root is not None
+    nearest = {error["loc"]: _nearest_field(model, error["loc"]) for error in errors if _is_unknown(error)}
+    meant = {(*location[:-1], near) for location, near in nearest.items()}
+    for error in errors:
+        kind, location, context = error["type"], error["loc"], error.get("ctx", {})
+        if kind == "missing" and location in meant:
+            continue  # said at the misspelt key
+        if where := context.get("where"):
+            location = tuple(int(part) if part.isdigit() else part for part in str(where).split("."))
+        if kind in _INCOMPLETE[1:]:
+            location = (*location, "kind")
+        place, node, line = Location(), root, _line(root)
+        for part in location:  # pydantic also names the kind that it takes a map for
+            if found := _parts(node).get(part):
+                place, line, node = (*place, part), _line(found[0]), found[1]
+        if kind in _INCOMPLETE and place[-1:] != location[-1:]:
+            place = (*place, location[-1])
+        what = _what(model, error, node, nearest.get(error["loc"]))
+        named = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).lstrip(".")
+        yield line if _is_unknown(error) else _line(node), f"{named}: {what}" if named else what
+
+
+def _what(model: type[BaseModel], error: ErrorDetails, node: yaml.Node, near: str | None) -> str:
+    """What is wrong: in own words where these help more than pydantic's."""
+    kind, context = error["type"], error.get("ctx", {})
+    if kind in ("mistake", "value_error"):
+        return str(context.get("what") or context["error"])
+    if kind == "missing":
+        return f"this {'item' if isinstance(error['loc'][-1], int) else 'field'} is missing"
+    if _is_unknown(error):
+        fields = _models_at(model, error["loc"][:-1])[0].model_fields
+        return f"there is no such field; {_instead(near, 'fields here', fields)}"
+    if kind == "model_attributes_type":
+        return f"a map with kind … is expected, found {_shown(node)}"
+    if kind == "model_type":
+        return f"{_map_of(_models_at(model, error['loc'])[0])} is expected, found {_shown(node)}"
+    if kind in _INCOMPLETE:
+        kinds = [name for each in _models_at(model, error["loc"]) if (name := _kind_of(each))]
+        tag = context.get("tag")
+        said = f"there is no kind {tag!r}" if tag else "this field is missing"
+        return f"{said}; {_instead(_nearest(tag or '', kinds), 'kinds', kinds)}"
+    hint = ""
+    if kind == "string_type" and isinstance(node, yaml.ScalarNode) and node.tag != _NOTHING:
+        hint = "; put it in quotes to make it text"
+    elif kind in ("float_type", "int_type") and node.tag == _TEXT and _NUMBER.fullmatch(node.value):
+        hint = "; to make it a number write it without quotes, and powers of ten as 1.0e+3"
+    message = error["msg"].replace("tuple", "list").replace(" after validation", "")
+    return f"{message[0].lower()}{message[1:]}, found {_shown(node)}{hint}"
+
+
+def _instead(near: str | None, what: str, possible: Iterable[str]) -> str:
+    return f"did you mean {near!r}?" if near else f"the {what} are {', '.join(possible)}"
+
+
+def _is_unknown(error: ErrorDetails) -> bool:
+    return error["type"] == "extra_forbidden"
+
+
+def _nearest_field(model: type[BaseModel], location: Location) -> str | None:
+    return _nearest(str(location[-1]), list(_models_at(model, location[:-1])[0].model_fields))
+
+
+def _nearest(text: str, possible: list[str]) -> str | None:
+    return next(iter(get_close_matches(text.lower(), possible, n=1, cutoff=0.5)), None)
+
+
+def _map_of(model: type[BaseModel]) -> str:
+    """A map with its required fields, or with all of them where none is required."""
+    fields = model.model_fields
+    required = [name for name, field in fields.items() if field.is_required()]
+    return f"a map with {', '.join(required or fields)}{' …' if 0 < len(required) < len(fields) else ''}"
+
+
+def _models_at(model: type[BaseModel], location: Location) -> list[type[BaseModel]]:
+    """The models of which one describes this place: several where a kind is still to choose."""
+    models = [model]
+    for part in location:
+        if isinstance(part, str):
+            chosen = {_kind_of(each): each for each in models}.get(part) if len(models) > 1 else None
+            models = [chosen] if chosen else _models_in(models[0].model_fields[part].annotation)
+    return models
+
+
+def _kind_of(model: type[BaseModel]) -> str | None:
+    """What the field ``kind`` of a model says, where the model is one of several."""
+    field = model.model_fields.get("kind")
+    return field and next(iter(get_args(field.annotation)), None)
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    """The models in ``list[…]``, ``… | None``, ``tuple[A | B, …]`` and so on."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _models_in(part)]
+
+
+def _parts(node: yaml.Node) -> dict[str | int, tuple[yaml.Node, yaml.Node]]:
+    """What a map or a list holds: key and value by name, or item by index."""
+    if isinstance(node, yaml.MappingNode):
+        return {key.value: (key, child) for key, child in node.value}
+    items = node.value if isinstance(node, yaml.SequenceNode) else ()
+    return {index: (item, item) for index, item in enumerate(items)}
+
+
+def _line(node: yaml.Node) -> int:
+    return node.start_mark.line + 1
+
+
+def _shown(node: yaml.Node) -> str:
+    """A value for people: a scalar as it is written, text in quotes."""
+    if not isinstance(node, yaml.ScalarNode):
+        return "a map" if isinstance(node, yaml.MappingNode) else f"a list of {len(node.value)}"
+    if node.tag == _NOTHING:
+        return "nothing"
+    return f"'{_short(node.value)}'" if node.tag == _TEXT else _short(node.value)
+
+
+def _short(text: str) -> str:
+    """The beginning of a text, with unprintable characters escaped."""
+    shown = text if len(text) <= _SHOWN else text[:_SHOWN] + "…"
+    return shown if shown.isprintable() else ascii(shown)[1:-1]

@@ -1,114 +1,79 @@
-"""How a process is, reported by its loop: to people, health checks and the service manager.
+"""How a process is, as its loop reports it, and the port at which that can be watched.
 
-The service manager is told by systemd's protocol (``sd_notify``); where none listens, in ``NOTIFY_SOCKET``,
-nothing is sent.
+The watch port answers ``/live``, ``/ready`` and ``/metrics`` over HTTP, for this machine only, on threads of
+its own. It cannot hold up the loop that it reports on: a client that is slow loses its place to the next one,
+and no more than ``MOST_A_SECOND`` are served.
 """
 
-import os
+import contextlib
 import socket
+import sys
+import threading
 import time
-from collections.abc import Callable, Mapping
-from typing import Self
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler
+from socketserver import TCPServer, ThreadingMixIn
+from typing import Any
 
 import structlog
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.exposition import choose_encoder
 
-LONGEST_START_S = 120.0
-"""What a process may take for one piece of its start, such as loading the solver on a slow device."""
-FEEDINGS = 4
-"""A watchdog is fed so many times in the time in which it wants to be fed once."""
-BEAT_S = 0.5
-"""No loop waits longer without a sign of life."""
+from chassis.healthy import HOST, LIVE, METRICS, READY
+from chassis.process import LONGEST_START_S, ServiceManager
+from chassis.refusal import ExitStatus, Refusal
+
 LONGEST_SILENCE_S = 10.0
 """A loop that has given no sign of life for longer hangs."""
 
-_US = 1e6
+PATIENCE_S = 2.0
+"""For each piece of a request, and for the client to take the answer."""
+MOST_AT_A_TIME = 16
+"""Clients; one more, and the first of them has to go."""
+MOST_A_SECOND = 20
+"""Clients, so that asking without end costs the process little."""
+BOUNDS_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+"""Buckets of histograms, from a fast phase to a decision by the reference solver."""
+
+Values = float | Mapping[str, float] | Mapping[tuple[str, str], float]
+"""Of a metric: one value, or one by label or by two labels."""
+
+log = structlog.get_logger("watch")
 
 
-class ServiceManager:
-    """Sends datagrams that never wait: the loop that reports must not depend on who listens.
+def gauge(name: str, meaning: str, values: Values, *labels: str) -> Metric:
+    """A metric that goes up and down, with its present values."""
+    return _filled(GaugeMetricFamily, name, meaning, values, labels)
 
-    What is not taken at once goes out with the next message; of each kind only the newest counts.
 
-    Args:
-        address: of the socket: a path, or ``@`` and an abstract name; None: nobody listens.
-        watchdog_s: within which a sign of life is expected; None: never.
-        now_s: a monotonic clock.
-    """
+def counter(name: str, meaning: str, values: Values, *labels: str) -> Metric:
+    """A metric that only grows, with its present values."""
+    return _filled(CounterMetricFamily, name, meaning, values, labels)
 
-    def __init__(
-        self,
-        address: str | None = None,
-        watchdog_s: float | None = None,
-        now_s: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._log = structlog.get_logger("service")
-        # An abstract name begins with a zero byte, which is written as @.
-        self._address = address and (f"\0{address[1:]}" if address.startswith("@") else address)
-        self._pause_s = LONGEST_START_S / FEEDINGS
-        self._watchdog_s = watchdog_s
-        self._now_s = now_s
-        self._is_up = False
-        self._fed_s: float | None = None
-        self._unsaid: dict[str, str] = {}
 
-    @classmethod
-    def of_environment(cls, environment: Mapping[str, str] = os.environ) -> Self:
-        """The one that this process was started by; only a watchdog that is meant for this process counts."""
-        watchdog_us = environment.get("WATCHDOG_USEC")
-        meant = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
-        watchdog_s = int(watchdog_us) / _US if watchdog_us and watchdog_us.isdigit() and meant else None
-        return cls(environment.get("NOTIFY_SOCKET"), watchdog_s)
-
-    def alive(self) -> None:
-        """The loop goes on: feeds the watchdog or, before :meth:`up`, asks for more time to start.
-
-        To be called by the loop itself, as often as it likes.
-        """
-        now_s = self._now_s()
-        if self._fed_s is not None and now_s - self._fed_s < self._pause_s and not self._unsaid:
-            return
-        if not self._is_up:
-            self.tell(EXTEND_TIMEOUT_USEC=str(round(LONGEST_START_S * _US)))
-        elif self._watchdog_s is not None or self._unsaid:
-            self.tell(WATCHDOG="1")
-        self._fed_s = now_s
-
-    def up(self) -> None:
-        """The process does from now on what it was started for."""
-        if not self._is_up:
-            self._is_up = True
-            self._unsaid.pop("EXTEND_TIMEOUT_USEC", None)
-            if self._watchdog_s is not None:
-                self._pause_s = self._watchdog_s / FEEDINGS
-            self.tell(READY="1")
-
-    def tell(self, **words: str) -> None:
-        """Tell by assignments such as ``STATUS="waiting"``."""
-        if self._address is None:
-            return
-        self._unsaid |= words
-        said = "\n".join(f"{name}={' '.join(value.split())}" for name, value in self._unsaid.items())
-        try:
-            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as sending:
-                sending.sendto(said.encode(), self._address)
-        except BlockingIOError:  # its queue is full
-            return
-        except OSError as error:
-            self._log.warning("the service manager does not listen", reason=error.strerror)
-            self._address = None
-        self._unsaid.clear()
+def _filled(
+    kind: type[GaugeMetricFamily] | type[CounterMetricFamily],
+    name: str,
+    meaning: str,
+    values: Values,
+    labels: tuple[str, ...],
+) -> Metric:
+    family = kind(name, meaning, labels=labels)
+    for at, value in values.items() if isinstance(values, Mapping) else (((), values),):
+        family.add_metric([at] if isinstance(at, str) else at, float(value))
+    return family
 
 
 class VitalSigns:
     """The loop of a process gives its signs of life here; any thread may ask how it is.
 
-    Args:
-        now_s: a monotonic clock.
+    What is watched has metrics beside: it overrides :meth:`collect`.
     """
 
     def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
         self.now_s = now_s
-        self._manager = ServiceManager.of_environment()
+        self._manager = ServiceManager()
         self._beaten_s: float | None = None
         self._longest_s = LONGEST_START_S
         self._wanting: str | None = "it has just been started"
@@ -149,3 +114,118 @@ class VitalSigns:
     def why_not_ready(self) -> str | None:
         """What keeps the process from what it is there for; None: nothing."""
         return self.why_not_live() or self._wanting
+
+    def collect(self) -> Iterable[Metric]:
+        """The metrics with their present values."""
+        return ()
+
+
+@contextlib.contextmanager
+def watch_port(watched: VitalSigns, port: int | None) -> Iterator[int | None]:
+    """Answer at a port of the loopback address for as long as the block lasts.
+
+    Args:
+        watched: what is reported on.
+        port: 0 for a free one; None: nobody watches.
+
+    Yields:
+        The port.
+
+    Raises:
+        Refusal: it cannot be used.
+    """
+    if port is None:
+        yield None
+        return
+    try:
+        server = _Server(port, watched)
+    except OSError as error:
+        raise Refusal(
+            f"the watch port {port} on {HOST} cannot be used: {error.strerror}; choose another one with "
+            "--watch-port, or 0 for one that is free",
+            ExitStatus.FAILED,
+        ) from error
+    thread = threading.Thread(target=server.serve_forever, name="watch", daemon=True)
+    thread.start()
+    used = int(server.server_address[1])
+    log.info("can be watched", address=f"http://{HOST}:{used}{METRICS}")
+    try:
+        yield used
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+class _Server(ThreadingMixIn, TCPServer):
+    daemon_threads = True
+    block_on_close = False
+    allow_reuse_address = True
+    request_queue_size = MOST_AT_A_TIME
+
+    def __init__(self, port: int, watched: VitalSigns) -> None:
+        super().__init__((HOST, port), _Answers)
+        self.watched = watched
+        self._lock = threading.Lock()
+        self._places: list[Any] = []
+
+    def service_actions(self) -> None:
+        """Called after each client: the pause bounds how many come in a second."""
+        time.sleep(1.0 / MOST_A_SECOND)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """A client has come; whoever has been there for longest makes room."""
+        with self._lock:
+            while len(self._places) >= MOST_AT_A_TIME:
+                with contextlib.suppress(OSError):  # the client has gone by itself
+                    self._places.pop(0).shutdown(socket.SHUT_RDWR)  # wakes the thread that waits for it
+            self._places.append(request)
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: Any) -> None:
+        """A client has been answered, or given up."""
+        with self._lock:
+            if request in self._places:
+                self._places.remove(request)
+        super().shutdown_request(request)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """What a client does to its connection is its own affair; what goes wrong here is logged."""
+        error = sys.exception()
+        if not isinstance(error, OSError):
+            log.error("could not answer", exc_info=error)
+
+
+class _Answers(BaseHTTPRequestHandler):
+    server: _Server
+    timeout = PATIENCE_S
+    server_version, sys_version = "unspoken", ""
+
+    def do_GET(self) -> None:
+        watched = self.server.watched
+        if self.path == LIVE:
+            self._say_whether("live", watched.why_not_live)
+        elif self.path == READY:
+            self._say_whether("ready", watched.why_not_ready)
+        elif self.path == METRICS:
+            encode, content_type = choose_encoder(self.headers.get("Accept", ""))
+            self._say(HTTPStatus.OK, encode(watched), content_type)
+        else:
+            self._say(HTTPStatus.NOT_FOUND, f"{LIVE}, {READY} or {METRICS} is expected\n".encode())
+
+    def _say_whether(self, what: str, why_not: Callable[[], str | None]) -> None:
+        if why := why_not():
+            self._say(HTTPStatus.SERVICE_UNAVAILABLE, f"not {what}: {why}\n".encode())
+        else:
+            self._say(HTTPStatus.OK, f"{what}\n".encode())
+
+    def _say(self, status: HTTPStatus, body: bytes, content_type: str = "text/plain; charset=utf-8") -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", content_type)
+        self.send_header("Content-Length", str(len(body)))
+        self.send_header("Cache-Control", "no-store")
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """No line for a request."""

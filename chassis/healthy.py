@@ -19,10 +19,6 @@ PATIENCE_S = 3.0
 def ask(port: str, path: str) -> tuple[bool, str]:
     """Ask a process on this machine how it is.
 
-    Args:
-        port: its watch port, as the environment holds it.
-        path: ``LIVE`` or ``READY``.
-
     Returns:
         Whether it answers yes, and its answer, or why there is none.
     """

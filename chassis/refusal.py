@@ -26,10 +26,6 @@ class Refusal(Exception):
     """The end of a command before it has done its work.
 
     Raised wherever the reason is found, and printed in one place, :class:`Command` or :class:`Group`.
-
-    Args:
-        sentence: what was found, where, what was expected and what to do.
-        status: with which the command ends.
     """
 
     def __init__(self, sentence: str, status: ExitStatus = ExitStatus.WRONG_USAGE) -> None:

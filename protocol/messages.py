@@ -13,10 +13,9 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import Field
 
 from chassis.files import Record
-from protocol.arrival import wrap_angle
 from protocol.keys import Name
 from protocol.scene import MAX_ROBOTS, Scene
-from protocol.vehicle import Input
+from protocol.vehicle import Input, wrap_angle
 from protocol.version import PROTOCOL_VERSION
 
 MAX_HORIZON = 200

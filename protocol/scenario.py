@@ -9,8 +9,7 @@ from typing import Annotated, Any, Self
 import yaml
 from pydantic import BeforeValidator, Field, model_validator
 
-from chassis.files import Record
-from chassis.yaml_file import mistake_at, parse_as, read_as
+from chassis.files import Record, mistake_at, read_as
 from protocol.keys import Id
 from protocol.scene import MAX_ROBOTS, Goal, Metres, NonNegative, PublicRobot, Rules, Scene
 
@@ -151,27 +150,14 @@ class Scenario(Rules):
         return self
 
 
-def load_scenario(path: Path) -> Scenario:
-    """Read a scenario file.
+def load_scenario(path: Path, text: str | None = None) -> Scenario:
+    """Read a scenario file, or the text of one that has been read already.
 
     Raises:
         Refusal: the file cannot be read, is no single YAML map, or is not a valid scenario. One line
             a problem, with file, line and field.
     """
-    return read_as(path, Scenario, "scenario")
-
-
-def parse_scenario(text: str, path: Path) -> Scenario:
-    """Read the text of a scenario file.
-
-    Args:
-        text: the content.
-        path: of the file that holds it, for people.
-
-    Raises:
-        Refusal: as of ``load_scenario``.
-    """
-    return parse_as(text, path, Scenario, "scenario")
+    return read_as(path, Scenario, "scenario", text=text)
 
 
 def scenario_text(scenario: Scenario) -> str:
@@ -196,24 +182,11 @@ def _yaml(fields: dict[str, Any], *, inline: bool) -> str:
     style = True if inline else None if of_maps else False  # PyYAML: None puts the innermost maps into braces
     return yaml.dump(
         fields,
-        Dumper=_Dumper,
+        Dumper=yaml.SafeDumper,
         default_flow_style=style,
         sort_keys=False,
-        allow_unicode=True,
         width=math.inf,
     )
-
-
-class _Dumper(yaml.SafeDumper):
-    """Writes the control character NEL by its escape: as it is, PyYAML reads another line break back."""
-
-
-_Dumper.add_representer(
-    str,
-    lambda dumper, text: dumper.represent_scalar(
-        "tag:yaml.org,2002:str", text, style='"' if "\x85" in text else None
-    ),
-)
 
 
 def _written(value: Any) -> Any:

@@ -13,9 +13,8 @@ from typing import Any, Final, TypedDict
 
 import zenoh
 
-from chassis.health import BEAT_S
-from protocol.device_keys import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, DeviceKeys
-from protocol.identity import Identity, Login
+from chassis.process import BEAT_S
+from protocol.identity import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, DeviceKeys, Identity, Login
 from protocol.policy import AccessControl
 
 LEASE_MS = 1000
@@ -163,46 +162,31 @@ def reason_of(error: zenoh.ZError) -> str:
     return re.sub(r" at /\S+?\.rs:\d+\.?", "", str(error))
 
 
-def open_in_background(
-    settings: SessionSettings, deliver: Callable[[zenoh.Session | zenoh.ZError], object]
-) -> None:
-    """Open a session without blocking: a client's opening waits for its world and lets no signal through.
-
-    Args:
-        settings: of the session.
-        deliver: gets the open session, or why it could not be opened, on another thread.
-
-    Raises:
-        zenoh.ZError: Zenoh does not accept the settings.
-    """
-    config = settings.to_zenoh()
-
-    def open_session() -> None:
-        try:
-            deliver(zenoh.open(config))
-        except zenoh.ZError as error:
-            deliver(error)
-
-    threading.Thread(target=open_session, daemon=True).start()
-
-
 PATIENCE_S = 10.0
 """After this time without a router, and every so often, its absence is told."""
 
 
 class Opening:
-    """Of one session; Zenoh does not tell a router that is not there from one that refuses."""
+    """The opening of one session; Zenoh does not tell a router that is not there from one that refuses."""
 
     def __init__(self) -> None:
         self._came_to: SimpleQueue[zenoh.Session | zenoh.ZError | None] = SimpleQueue()
 
     def begin(self, settings: SessionSettings) -> None:
-        """Open it in the background.
+        """Open it in the background: a client's opening waits for its world and lets no signal through.
 
         Raises:
             zenoh.ZError: Zenoh does not accept the settings.
         """
-        open_in_background(settings, self._came_to.put)
+        config = settings.to_zenoh()
+
+        def open_session() -> None:
+            try:
+                self._came_to.put(zenoh.open(config))
+            except zenoh.ZError as error:
+                self._came_to.put(error)
+
+        threading.Thread(target=open_session, daemon=True).start()
 
     def stop(self) -> None:
         """It is not wanted any more; may be called from any thread."""

@@ -1,10 +1,11 @@
-"""The limits of a differentially driven vehicle, and what they allow at the next step.
+"""A differentially driven vehicle: what its limits allow at the next step, and when it has arrived.
 
 State (p_x, p_y, ψ, v): position in m and heading in rad in the frame of the area, speed in m/s, negative when
 reversing. Input (ω, a): turn rate in rad/s and acceleration in m/s², held for one step.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
 from pydantic import Field
@@ -81,3 +82,33 @@ def settling_rate(way: float, change: float) -> float:
     whole = math.ceil(steps)
     size = (abs(way) + change * whole * (whole - 1) / 2.0) / whole if whole else 0.0
     return math.copysign(size, way)
+
+
+def wrap_angle(angle_rad: float) -> float:
+    """The same angle in [−π, π]."""
+    return math.remainder(angle_rad, math.tau)
+
+
+def nearest_turn(angle_rad: float, reference_rad: float) -> float:
+    """The same angle, moved by whole turns to lie within half a turn of the reference."""
+    return reference_rad + wrap_angle(angle_rad - reference_rad)
+
+
+def has_arrived(state: Sequence[float], goal: Sequence[float], tolerance: float) -> bool:
+    """Whether ‖x − x_F‖₂ ≤ μ over the full state.
+
+    The publication writes the squared norm; its data show that the norm itself was compared (both published
+    durations of scenario 8a are the first step at which the last robot satisfies it).
+
+    Args:
+        state: p_x, p_y in m, heading in rad, speed in m/s.
+        goal: the same four of the goal; the goal speed is zero.
+        tolerance: μ, over metres, radians and metres per second alike.
+    """
+    errors = (
+        state[0] - goal[0],
+        state[1] - goal[1],
+        wrap_angle(state[2] - goal[2]),
+        state[3] - goal[3],
+    )
+    return math.hypot(*errors) <= tolerance

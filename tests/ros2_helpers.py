@@ -5,14 +5,10 @@ import math
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from world.ros2.settings import Ros2Bridge
+from world.ros2.odometry import Ros2Bridge
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 ODOMETRY, TWIST = "nav_msgs/msg/Odometry", "geometry_msgs/msg/Twist"
-
-
-def _made(name, *fields):
-    return STORE.types[name](*fields)
 
 
 def odometry_message(
@@ -29,39 +25,29 @@ def odometry_message(
     orientation=None,
     linear=None,
     angular=None,
-    pose_covariance=None,
-    twist_covariance=None,
+    pose_covariance=(0.0,) * 36,
+    twist_covariance=(0.0,) * 36,
 ):
     """A message as a driver would make it; what is given beside the first five overrides them."""
+    time, header, point, quaternion, pose, vector, twist, with_pose, with_twist = (
+        STORE.types[f"{package}/msg/{name}"]
+        for package, names in (
+            ("builtin_interfaces", ["Time"]),
+            ("std_msgs", ["Header"]),
+            ("geometry_msgs", ["Point", "Quaternion", "Pose", "Vector3", "Twist"]),
+            ("geometry_msgs", ["PoseWithCovariance", "TwistWithCovariance"]),
+        )
+        for name in names
+    )
     turned = orientation or (0.0, 0.0, math.sin(heading_rad / 2), math.cos(heading_rad / 2))
-    second, nanosecond = divmod(stamp_ns, 1_000_000_000)
-    nothing = np.zeros(36)
-    vector, twist = "geometry_msgs/msg/Vector3", "geometry_msgs/msg/Twist"
-    pose = _made(
-        "geometry_msgs/msg/Pose",
-        _made("geometry_msgs/msg/Point", x_m, y_m, z_m),
-        _made("geometry_msgs/msg/Quaternion", *turned),
+    velocity = twist(
+        vector(*(linear or (speed_mps, 0.0, 0.0))), vector(*(angular or (0.0, 0.0, turn_rate_radps)))
     )
-    velocity = _made(
-        twist,
-        _made(vector, *(linear or (speed_mps, 0.0, 0.0))),
-        _made(vector, *(angular or (0.0, 0.0, turn_rate_radps))),
-    )
-    stamp = _made("builtin_interfaces/msg/Time", second, nanosecond)
-    return _made(
-        ODOMETRY,
-        _made("std_msgs/msg/Header", stamp, frame_id),
+    return STORE.types[ODOMETRY](
+        header(time(*divmod(stamp_ns, 1_000_000_000)), frame_id),
         child_frame_id,
-        _made(
-            "geometry_msgs/msg/PoseWithCovariance",
-            pose,
-            nothing if pose_covariance is None else np.array(pose_covariance),
-        ),
-        _made(
-            "geometry_msgs/msg/TwistWithCovariance",
-            velocity,
-            nothing if twist_covariance is None else np.array(twist_covariance),
-        ),
+        with_pose(pose(point(x_m, y_m, z_m), quaternion(*turned)), np.array(pose_covariance)),
+        with_twist(velocity, np.array(twist_covariance)),
     )
 
 

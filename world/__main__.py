@@ -6,82 +6,46 @@ from typing import Annotated
 
 import structlog
 import typer
+from pydantic import Field
 
+from chassis.health import watch_port
+from chassis.options import with_options
 from chassis.process import end_with_parent, log_to_journal, on_wish_to_end
-from chassis.refusal import ExitStatus, said_by
-from chassis.refusal import run as run_command
-from chassis.watching import watch_port as open_watch_port
+from chassis.refusal import ExitStatus, run, said_by
 from protocol.keys import BENCH_NAME, Keys
 from protocol.messages import PublicScene
 from protocol.scenario import load_scenario
 from protocol.session import receive_on_threads
 from scenarios import find
-from world.access import Access, most_sessions
-from world.bus import Bus, open_session
+from world.access import HostOptions, WaitS, most_sessions
+from world.bus import Bus, Inbox, open_session
 from world.clock import ClockKind, LockStep, RealTime
 from world.health import WorldHealth
-from world.inbox import Inbox
-from world.options import (
-    InsecureOption,
-    KeysOption,
-    ListenOption,
-    RunOption,
-    StartTimeoutOption,
-    UsersOption,
-    WatchPortOption,
-    seconds,
-)
 from world.run import Run
 from world.world import World
 
 
-def main(
-    scenario: Annotated[
-        str,
-        typer.Option(
-            envvar="UNSPOKEN_SCENARIO", help="Scenario file, or the name of a bundled one such as 8a."
-        ),
-    ],
-    listen: ListenOption = "tcp/127.0.0.1:7447",
-    users: UsersOption = None,
-    keys: KeysOption = None,
-    insecure: InsecureOption = False,
-    run: RunOption = "run",
-    clock: Annotated[
-        ClockKind,
-        typer.Option(
-            envvar="UNSPOKEN_CLOCK",
-            help="Wait for every robot at every step, or publish one step every Δt.",
-        ),
-    ] = ClockKind.LOCKSTEP,
-    seed: Annotated[
-        int, typer.Option(envvar="UNSPOKEN_SEED", min=0, help="Of sensor noise and dropouts.")
-    ] = 0,
-    exchange_goals: Annotated[
-        bool,
-        typer.Option(
-            "--exchange-goals", envvar="UNSPOKEN_EXCHANGE_GOALS", help="Tell every robot all goals."
-        ),
-    ] = False,
-    await_reader: Annotated[
-        bool,
-        typer.Option(
-            "--await-reader",
-            envvar="UNSPOKEN_AWAIT_READER",
-            help="Begin only once the truth has a reader, so that it misses nothing.",
-        ),
-    ] = False,
-    start_timeout: StartTimeoutOption = 60.0,
-    answer_timeout: Annotated[
-        float,
-        typer.Option(
-            envvar="UNSPOKEN_ANSWER_TIMEOUT",
-            callback=seconds,
-            help="Seconds to wait for the commands of one step in lock-step.",
-        ),
-    ] = 120.0,
-    watch_port: WatchPortOption = None,
-) -> None:
+class WorldOptions(HostOptions):
+    """What the world's process is told at its start."""
+
+    scenario: str = Field(description="Scenario file, or the name of a bundled one such as 8a.")
+    clock: ClockKind = Field(
+        ClockKind.LOCKSTEP, description="Wait for every robot at every step, or publish one step every Δt."
+    )
+    seed: int = Field(0, ge=0, description="Of sensor noise and dropouts.")
+    exchange_goals: Annotated[bool, typer.Option("--exchange-goals")] = Field(
+        False, description="Tell every robot all goals."
+    )
+    await_reader: Annotated[bool, typer.Option("--await-reader")] = Field(
+        False, description="Begin only once the truth has a reader, so that it misses nothing."
+    )
+    answer_timeout: WaitS = Field(
+        120.0, description="Seconds to wait for the commands of one step in lock-step."
+    )
+
+
+@with_options(environment=True)
+def main(options: WorldOptions) -> None:
     """Simulate and referee one run.
 
     SIGINT and SIGTERM end it with the verdict "interrupted".
@@ -93,36 +57,32 @@ def main(
     end_with_parent()
     log_to_journal()
     log = structlog.get_logger("world")
-    loaded = load_scenario(find(scenario))
-    bus_keys, epoch = Keys(run), secrets.randbits(63)
-    world = World(loaded, seed=seed, epoch=epoch)
-    scene = PublicScene(epoch=epoch, scene=loaded.scene(with_goals=exchange_goals))
+    scenario = load_scenario(find(options.scenario))
+    keys, epoch = Keys(options.run), secrets.randbits(63)
+    world = World(scenario, seed=options.seed, epoch=epoch)
+    scene = PublicScene(epoch=epoch, scene=scenario.scene(with_goals=options.exchange_goals))
     inbox, health = Inbox(world.robots), WorldHealth(world.robots)
     on_wish_to_end(inbox.interrupt)
     receive_on_threads(most_sessions(world.robots))
-    access = Access(listen, users, keys, insecure)
     with (
         said_by("world"),
-        open_watch_port(health, watch_port),
-        open_session(listen, access.session(bus_keys, world.robots, log)) as session,
+        watch_port(health, options.watch_port),
+        open_session(options.listen, options.session(keys, world.robots, log)) as session,
         closing(inbox),
     ):
-        bus = Bus(session, bus_keys, scene, world.robots, inbox)
+        bus = Bus(session, keys, scene, world.robots, inbox)
         log.info(
             "world started",
-            scenario=loaded.name,
+            scenario=scenario.name,
             robots=len(world.robots),
-            listen=listen,
-            run=run,
-            clock=clock.value,
-            seed=seed,
-            exchange_goals=exchange_goals,
             epoch=epoch,
+            **options.model_dump(mode="json", include={"listen", "run", "clock", "seed", "exchange_goals"}),
         )
         health.up()  # for robots: whoever is started now finds it
-        lasting = RealTime(loaded.step_s) if clock is ClockKind.REALTIME else LockStep(answer_timeout)
-        driven = Run(world, lasting, inbox, bus, log, health)
-        driven.wait_for_robots(start_timeout, (BENCH_NAME,) if await_reader else ())
+        in_real_time = options.clock is ClockKind.REALTIME
+        clock = RealTime(scenario.step_s) if in_real_time else LockStep(options.answer_timeout)
+        driven = Run(world, clock, inbox, bus, log, health)
+        driven.wait_for_robots(options.start_timeout, (BENCH_NAME,) if options.await_reader else ())
         verdict = driven.drive().verdict
         health.ends()
         bus.wait_for_readers()
@@ -131,4 +91,4 @@ def main(
 
 
 if __name__ == "__main__":
-    run_command(main)
+    run(main)

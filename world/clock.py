@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable
 from enum import StrEnum
-from typing import Protocol
 
 LATENESS = 0.1
 """Part of Δt by which a real-time step may be late without moving the schedule."""
@@ -16,31 +15,8 @@ class ClockKind(StrEnum):
     REALTIME = "realtime"
 
 
-class Clock(Protocol):
-    """Says how long a step lasts on the wall clock."""
-
-    @property
-    def waits_for_all(self) -> bool:
-        """Whether a step ends as soon as every present robot has answered."""
-
-    @property
-    def overruns(self) -> int:
-        """Steps that began too late so far."""
-
-    def begin_step(self) -> None:
-        """A step is about to be published."""
-
-    def remaining_s(self) -> float:
-        """How long its commands are still awaited; not positive when the time is over."""
-
-
 class LockStep:
-    """A step ends when every present robot has answered it, or after a limit that only a hung robot meets.
-
-    Args:
-        answer_timeout_s: that limit.
-        now_s: a monotonic clock.
-    """
+    """A step ends when every present robot has answered it, or after a limit that only a hung robot meets."""
 
     waits_for_all = True
     overruns = 0
@@ -65,10 +41,6 @@ class RealTime:
     When the world itself is late by more than a tenth of Δt, the start is moved by the lateness: the steps
     after it keep their distance of Δt instead of following in a burst which no robot could answer. Smaller
     delays do not add up.
-
-    Args:
-        step_s: Δt.
-        now_s: a monotonic clock.
     """
 
     waits_for_all = False
@@ -97,3 +69,6 @@ class RealTime:
 
     def _next_s(self) -> float:
         return self._start_s + self._begun * self._step_s
+
+
+Clock = LockStep | RealTime

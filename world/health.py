@@ -6,18 +6,12 @@ from collections.abc import Callable, Collection, Iterator
 from prometheus_client import Histogram
 from prometheus_client.core import Metric
 
-from chassis.health import VitalSigns
-from chassis.watching import BOUNDS_S, counter, gauge
+from chassis.health import BOUNDS_S, VitalSigns, counter, gauge
 from protocol.messages import Truth
 
 
 class WorldHealth(VitalSigns):
-    """Kept by the process about the simulation, which knows nothing of it; collected as metrics.
-
-    Args:
-        robots: ids of the scenario's robots.
-        now_s: a monotonic clock.
-    """
+    """Kept by the process about the simulation, which knows nothing of it; collected as metrics."""
 
     def __init__(self, robots: tuple[str, ...], now_s: Callable[[], float] = time.monotonic) -> None:
         super().__init__(now_s)

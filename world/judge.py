@@ -1,53 +1,28 @@
-"""Which commands of a step the world takes, and what the log says of the others and of missing ones."""
+"""Which commands of a step the world takes; what the log says of others, missing ones, and other versions."""
 
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 from structlog.typing import FilteringBoundLogger
 
-from protocol.codec import MessageError, decode
-from protocol.messages import Command, Refusal, Refusals
+from protocol.codec import MessageError, OtherVersionError, decode
+from protocol.messages import Command, Joining, Refusal, Refusals
+from protocol.version import PROTOCOL_VERSION, disagreement
+from world.world import BaseWorld
+
+MOST_TOLD = 256
+"""Lines about other versions: a robot that says something else each time cannot fill the log."""
 
 MISSES_EVERY_S = 5.0
 """How often at most the log tells of missed commands."""
-Heed = Callable[[str, Command], object]
-"""Told of each command that is taken, with the robot that it came from, as soon as it is."""
-
-
-class Answered(Protocol):
-    """A world as far as commands answer it."""
-
-    @property
-    def step(self) -> int:
-        """The present step."""
-
-    def refusal(self, robot: str, command: Command) -> Refusal | None:
-        """Why a command that came from this robot does not answer the present step, None if it does."""
-
-
-def refusal_at(step: int, epoch: int, robot: str, command: Command) -> Refusal | None:
-    """Why a command that came from a robot does not answer this step of this epoch, None if it does."""
-    if command.robot != robot:
-        return "names another robot"
-    if command.epoch != epoch:
-        return "answers another epoch"
-    if command.step != step:
-        return "answers another step"
-    return None
-
 
 R = TypeVar("R", bound=str)
 
 
 class RefusalNotices(Generic[R]):
-    """What is refused of robots: each robot and reason is logged once, all are counted.
-
-    Args:
-        log: for people.
-        event: what a line in it begins with.
-    """
+    """What is refused of robots: each robot and reason is logged once, all are counted."""
 
     def __init__(self, log: FilteringBoundLogger, event: str) -> None:
         self._log = log
@@ -60,13 +35,7 @@ class RefusalNotices(Generic[R]):
         return {robot: dict(reasons) for robot, reasons in self._counts.items()}
 
     def add(self, robot: str, reason: R, detail: str) -> None:
-        """Something was refused.
-
-        Args:
-            robot: whose key it came on.
-            reason: the same for all of this kind.
-            detail: more about this one.
-        """
+        """Something was refused."""
         counts = self._counts.setdefault(robot, Counter())
         if reason not in counts:
             self._log.warning(self._event, robot=robot, reason=reason, detail=detail)
@@ -76,20 +45,12 @@ class RefusalNotices(Generic[R]):
 class Judge:
     """Takes of each robot the first command that answers the present step, and refuses and counts the rest.
 
-    Args:
-        world: whose present step is to be answered.
-        log: for people.
-        heed: for worlds that do not wait for the end of the step.
-
     Attributes:
         answers: the commands taken at this step, by robot.
     """
 
-    def __init__(
-        self, world: Answered, log: FilteringBoundLogger, heed: Heed = lambda _robot, _command: None
-    ) -> None:
+    def __init__(self, world: BaseWorld, log: FilteringBoundLogger) -> None:
         self._world = world
-        self._heed = heed
         self._refusals = RefusalNotices[Refusal](log, "command refused")
         self.answers: dict[str, Command] = {}
 
@@ -123,7 +84,7 @@ class Judge:
             reason = "answers a step again"
         if reason is None:
             self.answers[robot] = command
-            self._heed(robot, command)
+            self._world.heed(robot, command)
         else:
             self._refusals.add(
                 robot,
@@ -134,12 +95,7 @@ class Judge:
 
 
 class Misses:
-    """Missed commands, summed up over a few seconds.
-
-    Args:
-        log: where the sums go.
-        now_s: a monotonic clock.
-    """
+    """Missed commands, summed up over a few seconds."""
 
     def __init__(self, log: FilteringBoundLogger, now_s: Callable[[], float] = time.monotonic) -> None:
         self._log = log
@@ -159,3 +115,39 @@ class Misses:
             self._log.warning("commands missed", steps_by_robot=dict(self._counts))
             self._counts.clear()
             self._told_s = self._now_s()
+
+
+class Versions:
+    """Remembers what each robot has said last; the log gets a line for each that differs, once.
+
+    The policy lets a robot ask for the scene on its own key only, so none can say this of another.
+    """
+
+    def __init__(self, log: FilteringBoundLogger) -> None:
+        self._log = log
+        self._told: set[tuple[str, str]] = set()
+        self._differing: dict[str, str] = {}
+
+    def hear(self, questions: Iterable[tuple[str, bytes]]) -> None:
+        """Robots have asked for the scene."""
+        for robot, payload in questions:
+            try:
+                decode(Joining, payload)
+            except OtherVersionError as error:
+                self._differs(robot, disagreement(robot, error.version, PROTOCOL_VERSION))
+            except MessageError as error:
+                unknown = f"robot {robot} does not say which version of the protocol it speaks"
+                self._differs(robot, f"{unknown}: {error}")
+            else:
+                self._differing.pop(robot, None)
+
+    def account(self, missing: Iterable[str]) -> str:
+        """What is to be said of those missing robots that differ, as sentences; empty if there are none."""
+        told = (self._differing[robot] for robot in missing if robot in self._differing)
+        return "".join(f" {text[0].upper()}{text[1:]}." for text in told)
+
+    def _differs(self, robot: str, text: str) -> None:
+        self._differing[robot] = text
+        if (robot, text) not in self._told and len(self._told) < MOST_TOLD:
+            self._log.warning(text, robot=robot)
+            self._told.add((robot, text))

@@ -5,10 +5,10 @@ from collections import deque
 from collections.abc import Mapping
 from itertools import combinations
 
-from protocol.arrival import has_arrived
 from protocol.messages import Verdict
 from protocol.scenario import Scenario
 from protocol.scene import Scene
+from protocol.vehicle import has_arrived
 from world.vehicle import VehicleState
 
 DEADLOCK_WINDOW_S = 5.0
@@ -22,9 +22,6 @@ class Distances:
         driven_m: way driven by each robot, Σ |Δp|.
         minimum_distance_m: smallest distance of two centres so far, None with a single robot.
         collisions: pairs that have come closer than their bodies allow, each once, in this order.
-
-    Args:
-        scene: the robots and their bodies.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -37,11 +34,7 @@ class Distances:
         self.collisions: tuple[tuple[str, str], ...] = ()
 
     def measure(self, states: Mapping[str, VehicleState]) -> None:
-        """Take in one step.
-
-        Args:
-            states: of all robots that are in the scene, in the order of the scene.
-        """
+        """Take in one step."""
         self._measure_way(states)
         self._measure_distances(states)
 
@@ -71,9 +64,9 @@ class Referee:
     - Deadlock: before all have arrived, every robot has driven less than 0.05 m within the last 5 s. The
       driven way counts, not the displacement, so a robot manoeuvring on the spot is not taken for a
       standing one.
-    - The run ends when all have arrived, on deadlock, at the first step at or after the time limit, or when
-      it is interrupted. Of several verdicts the worst is given: interrupted, then collision, then deadlock,
-      then timeout; a run whose last robot arrives at the very time limit has arrived.
+    - The run ends when all have arrived, on deadlock, or at the first step at or after the time limit. Of
+      several verdicts the worst is given: collision, then deadlock, then timeout; a run whose last robot
+      arrives at the very time limit has arrived.
 
     Attributes:
         arrived_s: time of arrival of each robot, None before it.
@@ -95,23 +88,13 @@ class Referee:
         self.verdict: Verdict | None = None
 
     def watch(self, step: int, states: Mapping[str, VehicleState]) -> None:
-        """Judge one step; to be called for every step from 0 on.
-
-        Args:
-            step: its number.
-            states: true states of all robots that are in the scene at this step.
-        """
+        """Judge one step; to be called for every step from 0 on."""
         self.distances.measure(states)
         self._driven_before.append(dict(self.distances.driven_m))
         for robot, state in states.items():
             if self.arrived_s[robot] is None and has_arrived(state, self._goals[robot], self._tolerance):
                 self.arrived_s[robot] = self._time_s(step)
         self.verdict = self._judge(step)
-
-    def interrupt(self) -> None:
-        """End a run that goes on with the verdict "interrupted"."""
-        if self.verdict is None:
-            self.verdict = "interrupted"
 
     def _judge(self, step: int) -> Verdict | None:
         verdict: Verdict | None = None

@@ -1,61 +1,21 @@
 """A run from the start barrier to the verdict, over any bus."""
 
 import time
-from collections.abc import Mapping
-from typing import Protocol
 
 from structlog.typing import FilteringBoundLogger
 
-from chassis.health import BEAT_S
+from chassis.process import BEAT_S
 from chassis.refusal import ExitStatus, Refusal
 from protocol.keys import BENCH_NAME
-from protocol.messages import Command, Observation, Refusals, Truth
-from world.access import Versions
+from protocol.messages import Truth
+from world.bus import Arrivals, Bus, Inbox
 from world.clock import Clock
 from world.health import WorldHealth
-from world.inbox import Arrivals, Inbox
-from world.judge import Answered, Heed, Judge, Misses
+from world.judge import Judge, Misses, Versions
+from world.world import BaseWorld
 
 RETURN_S = 5.0
 """How long lock-step stands still for the first of them to come back when all have been lost."""
-
-
-class Steps(Answered, Protocol):
-    """A world that goes from step to step; :class:`world.world.World` is one."""
-
-    @property
-    def robots(self) -> tuple[str, ...]:
-        """Ids of all robots."""
-
-    @property
-    def present(self) -> tuple[str, ...]:
-        """Ids of the robots that are in the scene at the present step."""
-
-    @property
-    def over(self) -> bool:
-        """Whether the run has ended."""
-
-    def observations(self) -> Mapping[str, Observation]:
-        """What each robot in the scene sees at the present step."""
-
-    def advance(self, commands: Mapping[str, Command]) -> object:
-        """Go on to the next step with the commands that answer the present one."""
-
-    def interrupt(self) -> None:
-        """End a run that goes on; its verdict is "interrupted"."""
-
-    def truth(self, refused: Refusals | None = None) -> Truth:
-        """What the bench is told of the present step."""
-
-
-class Publishes(Protocol):
-    """Where observations and truths go."""
-
-    def publish_observations(self, observations: Mapping[str, Observation]) -> None:
-        """Give each robot its own observation."""
-
-    def publish_truth(self, truth: Truth) -> None:
-        """Give the bench the truth."""
 
 
 class Run:
@@ -72,18 +32,16 @@ class Run:
         bus: where messages go.
         log: for people.
         health: where it reports how it is; None for one that nobody looks at.
-        heed: see :class:`world.judge.Judge`.
     """
 
     def __init__(
         self,
-        world: Steps,
+        world: BaseWorld,
         clock: Clock,
         inbox: Inbox,
-        bus: Publishes,
+        bus: Bus,
         log: FilteringBoundLogger,
         health: WorldHealth | None = None,
-        heed: Heed = lambda _robot, _command: None,
     ) -> None:
         self._health = health or WorldHealth(world.robots)
         self._world = world
@@ -91,7 +49,7 @@ class Run:
         self._inbox = inbox
         self._bus = bus
         self._log = log
-        self._judge = Judge(world, log, heed)
+        self._judge = Judge(world, log)
         self._misses = Misses(log)
         self._versions = Versions(log)
         self._present: frozenset[str] = frozenset()

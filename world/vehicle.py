@@ -104,11 +104,7 @@ class Vehicle:
         return drive(self.limits, self.state, self.applied, wanted, self.step_s)
 
     def obey(self, command: Command | None) -> None:
-        """Drive to the next step.
-
-        Args:
-            command: of the present step; None: there is none that counts.
-        """
+        """Drive to the next step, with its command; None: there is none that counts."""
         self.state, self.applied, clipped = self.driven_by(command)
         if command is None:
             self.deadline_misses += 1

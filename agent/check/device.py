@@ -16,8 +16,7 @@ from agent.check.world import check_world
 from agent.process.options import RobotOptions
 from agent.solve import compiled
 from chassis.refusal import Refusal
-from protocol.device_keys import RENEW, DeviceKeys, date_text
-from protocol.identity import Identity, client_identity, is_local
+from protocol.identity import RENEW, DeviceKeys, Identity, client_identity, date_text, is_local
 from protocol.version import version_text
 
 PAUSE_S = 0.05

@@ -13,8 +13,7 @@ from agent.process.options import RobotOptions
 from agent.process.robot import agent_in, ask_for_scene, make_agent
 from chassis.refusal import Refusal, said_by
 from protocol.codec import MessageError
-from protocol.device_keys import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, DeviceKeys
-from protocol.identity import Identity
+from protocol.identity import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, DeviceKeys, Identity
 from protocol.keys import Keys
 from protocol.scene import Scene
 from protocol.session import client_session, reason_of

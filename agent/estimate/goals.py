@@ -6,8 +6,8 @@ import numpy as np
 
 from agent.remember.memory import Memory
 from agent.solve.vehicle import Array
-from protocol.arrival import nearest_turn
 from protocol.scene import Area, Goal, Scene
+from protocol.vehicle import nearest_turn
 
 
 class GoalEstimator(Protocol):

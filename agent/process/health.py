@@ -9,8 +9,7 @@ from typing import get_args
 from prometheus_client import Histogram
 from prometheus_client.core import Metric
 
-from chassis.health import VitalSigns
-from chassis.watching import BOUNDS_S, Values, counter, gauge
+from chassis.health import BOUNDS_S, Values, VitalSigns, counter, gauge
 from protocol.messages import Degradation, Mind, Observation
 from protocol.scene import Goal
 

@@ -6,7 +6,7 @@ from queue import Empty, SimpleQueue
 
 from structlog.typing import FilteringBoundLogger
 
-from chassis.health import BEAT_S
+from chassis.process import BEAT_S
 from protocol.codec import MessageError, OtherVersionError, decode
 from protocol.messages import Observation
 

@@ -10,11 +10,10 @@ from pydantic import Field
 from agent.estimate import DEFAULT_GOALS, GoalsName
 from agent.solve import ITERATIONS, SolverName
 from agent.solve.orca import is_available
-from chassis.files import Record
+from chassis.files import Record, read_as
 from chassis.healthy import HELP as WATCH_PORT_HELP
 from chassis.options import optional
 from chassis.refusal import Refusal
-from chassis.yaml_file import read_as
 from protocol.keys import Id, Name, checked_name
 from protocol.scene import MAX_ROBOTS, Goal
 

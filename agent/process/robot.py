@@ -16,12 +16,11 @@ from agent.process.options import RobotOptions
 from agent.process.warm import compile_in_background, warm_up
 from agent.solve.compiled import forbid_compiling
 from agent.solve.deadline import Deadline
+from chassis.health import watch_port
 from chassis.process import end_with_parent, log_to_journal, on_wish_to_end
 from chassis.refusal import ExitStatus, Refusal, said_by
-from chassis.watching import watch_port
 from protocol.codec import MessageError, OtherVersionError, decode, encode
-from protocol.device_keys import DeviceKeys
-from protocol.identity import Identity, Login, client_identity
+from protocol.identity import DeviceKeys, Identity, Login, client_identity
 from protocol.keys import Keys
 from protocol.messages import Command, Joining, Message, Observation, PublicScene
 from protocol.scene import Scene

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 
 from agent.remember.memory import Memory
-from protocol.arrival import has_arrived
 from protocol.scene import Goal, Scene
+from protocol.vehicle import has_arrived
 
 
 class Arrivals:

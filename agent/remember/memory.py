@@ -14,8 +14,7 @@ from agent.remember.filtering import (
     unknown_sigmas,
 )
 from agent.solve.vehicle import Array, recovered_inputs, rollout
-from protocol.arrival import nearest_turn
-from protocol.vehicle import STANDSTILL, Input, Limits
+from protocol.vehicle import STANDSTILL, Input, Limits, nearest_turn
 
 INPUT_ACCURACY = 0.01
 """σ of an input that is known because it was commanded, relative to its limit."""

@@ -16,9 +16,8 @@ from agent.remember.memory import Memory
 from agent.solve.planning import Plan, Planner
 from agent.solve.prediction import Prediction
 from agent.solve.vehicle import Array, rollout
-from protocol.arrival import wrap_angle
 from protocol.scene import Scene
-from protocol.vehicle import Input, Limits, braking_input, reachable_inputs, settling_rate
+from protocol.vehicle import Input, Limits, braking_input, reachable_inputs, settling_rate, wrap_angle
 
 PREFERRED_SPEED_MPS = 1.5
 """About the mean speed of robots that have told one another their goals."""

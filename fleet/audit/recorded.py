@@ -13,7 +13,7 @@ from fleet.record.stream import KINDS
 from fleet.run.experiment import RunFacts
 from protocol.keys import Keys
 from protocol.messages import Command, Message, Mind, Observation, PublicScene, Truth
-from protocol.scenario import Scenario, parse_scenario
+from protocol.scenario import Scenario, load_scenario
 
 RECORDING_NAME = "run.mcap"
 
@@ -115,7 +115,7 @@ def open_run(path: Path) -> RecordedRun:
             "decided on what is recorded; only runs without faults can be repeated"
         )
     try:
-        scenario = parse_scenario(recording.scenario_text, recording.path)
+        scenario = load_scenario(recording.path, recording.scenario_text)
     except Refusal as error:
         raise RecordingError(f"the scenario attached to the recording cannot be used: {error}") from None
     run = RecordedRun(recording, scenario)

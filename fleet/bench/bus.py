@@ -19,13 +19,12 @@ from fleet.keys.authority import LOCAL_HOSTS, Device, folder_of
 from fleet.keys.folders import create
 from fleet.run.launch import Logins
 from fleet.run.processes import Processes
-from protocol.device_keys import load_device_keys
+from protocol.identity import load_device_keys
 from protocol.keys import WORLD_NAME, Keys
 from protocol.messages import PublicScene
 from protocol.policy import access_control, rights_of
 from protocol.session import SessionSettings, world_session
-from world.bus import Bus
-from world.inbox import Inbox
+from world.bus import Bus, Inbox
 from world.world import World
 
 RUN = "bench"

@@ -30,9 +30,8 @@ from fleet.run.processes import Processes
 from protocol.keys import Keys
 from protocol.messages import PublicScene, Truth
 from protocol.session import world_session
-from world.bus import Bus
+from world.bus import Bus, Inbox
 from world.clock import ClockKind
-from world.inbox import Inbox
 
 LOOK_STEPS = 10
 """The agents' memory is looked at every so many steps."""

@@ -6,8 +6,7 @@ from typing import Annotated, Self
 
 from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
-from chassis.files import Record
-from chassis.yaml_file import read_as
+from chassis.files import Record, read_as
 from fleet.inject.scenario import Faults
 from protocol.scenario import as_tuple
 

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 import protocol.scenario
-from chassis.files import Record
+from chassis.files import Record, mistake_at, read_as
 from chassis.refusal import Refusal
-from chassis.yaml_file import mistake_at, read_as
 from fleet.inject import command_faults, mind_faults, observation_faults  # noqa: F401  # they define kinds
 from fleet.inject.fault import KINDS, Fault, of_kind, schedule
 from fleet.inject.process_faults import AbsenceFault

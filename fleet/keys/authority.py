@@ -18,7 +18,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from chassis.refusal import Refusal
-from protocol.device_keys import date_text
+from protocol.identity import date_text
 from protocol.keys import BENCH_NAME, WORLD_NAME, checked_name
 
 _HOST_NAME: Final = re.compile(r"(?=.{1,253}\Z)(?![\d.]+\Z)\w[\w-]{0,62}(\.\w[\w-]{0,62})*", re.ASCII)

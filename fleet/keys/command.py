@@ -16,7 +16,7 @@ from chassis.refusal import ExitStatus, Group, Refusal
 from fleet.keys import folders
 from fleet.keys.authority import LOCAL_HOSTS, Device, Host
 from fleet.keys.folders import AUTHORITY_FOLDER, Finding, devices_in, hosts_of_world, survey
-from protocol.device_keys import date_text
+from protocol.identity import date_text
 from protocol.keys import BENCH_NAME, WORLD_NAME, checked_name
 from protocol.scenario import load_scenario
 from scenarios import find
@@ -28,6 +28,7 @@ app = typer.Typer(
     cls=Group,
     add_completion=False,
     no_args_is_help=True,
+    rich_markup_mode=None,
     help="Make, renew and check the keys with which devices prove who they are, for runs across machines.\n\n"
     "Exit status: 0 done, 1 show found something wrong, 2 wrong usage or input, 3 the directory cannot be "
     "written.",

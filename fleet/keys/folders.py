@@ -26,7 +26,7 @@ from fleet.keys.authority import (
     hosts_in,
     name_of,
 )
-from protocol.device_keys import (
+from protocol.identity import (
     AUTHORITY_FILE,
     CERTIFICATE_FILE,
     KEY_FILE,

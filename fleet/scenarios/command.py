@@ -18,6 +18,7 @@ from scenarios import bundled_scenarios, bundled_suites
 
 app = typer.Typer(
     no_args_is_help=True,
+    rich_markup_mode=None,
     help="List the bundled scenarios and suites, or generate a suite.\n\nExit status: 0 done, 2 wrong usage.",
 )
 

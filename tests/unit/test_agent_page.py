@@ -14,7 +14,7 @@ from agent.check.findings import Finding
 from agent.check.speed import DECISIONS, TIGHT
 from agent.process.options import FileOptions, RobotOptions, options_in
 from chassis.refusal import app_of
-from protocol.device_keys import SOON
+from protocol.identity import SOON
 from protocol.scene import MAX_ROBOTS, Goal
 
 PAGE = Path(__file__).parents[2] / "docs" / "agent.md"

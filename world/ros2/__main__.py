@@ -10,33 +10,30 @@ import typer
 import zenoh
 from structlog.typing import FilteringBoundLogger
 
+from chassis.files import read_as
+from chassis.health import watch_port
+from chassis.options import with_options
 from chassis.process import end_with_parent, log_to_journal, on_wish_to_end
-from chassis.refusal import ExitStatus, Refusal, said_by
-from chassis.refusal import run as run_command
-from chassis.watching import watch_port as open_watch_port
-from chassis.yaml_file import read_as
+from chassis.refusal import ExitStatus, Refusal, run, said_by
 from protocol.keys import Keys
 from protocol.messages import PublicScene
 from protocol.session import Opening, client_session, reason_of, receive_on_threads
-from world.access import Access, most_sessions
-from world.bus import Bus, open_session
+from world.access import HostOptions, ListenEndpoint, most_sessions
+from world.bus import Bus, Inbox, open_session
 from world.clock import RealTime
 from world.health import WorldHealth
-from world.inbox import Inbox
-from world.options import (
-    InsecureOption,
-    KeysOption,
-    ListenOption,
-    RunOption,
-    StartTimeoutOption,
-    UsersOption,
-    WatchPortOption,
-)
 from world.ros2.live import LiveWorld, OdometryInbox, Ros
-from world.ros2.settings import Ros2Bridge
+from world.ros2.odometry import Ros2Bridge
 from world.run import Run
 
 
+class BridgeOptions(HostOptions):
+    """What the process of the bridge is told at its start."""
+
+    listen: ListenEndpoint = "tcp/127.0.0.1:7448"
+
+
+@with_options(environment=True)
 def main(
     file: Annotated[
         Path,
@@ -46,13 +43,7 @@ def main(
             help="A file with the robots, their topics and the endpoint of the side of ROS.",
         ),
     ],
-    listen: ListenOption = "tcp/127.0.0.1:7448",
-    users: UsersOption = None,
-    keys: KeysOption = None,
-    insecure: InsecureOption = False,
-    run: RunOption = "run",
-    start_timeout: StartTimeoutOption = 60.0,
-    watch_port: WatchPortOption = None,
+    options: BridgeOptions,
 ) -> None:
     """Drive real robots: poses from ROS 2 odometry to the agents, their commands to ROS 2 as twists.
 
@@ -65,10 +56,9 @@ def main(
     log_to_journal()
     log: FilteringBoundLogger = structlog.get_logger("bridge")
     bridge = read_as(file, Ros2Bridge, "file of a bridge")
-    bus_keys, epoch = Keys(run), secrets.randbits(63)
+    keys, epoch = Keys(options.run), secrets.randbits(63)
     robots = tuple(robot.id for robot in bridge.robots)
-    inbox, odometry, opening = Inbox(robots), OdometryInbox(robots), Opening()
-    health = WorldHealth(robots)
+    inbox, odometry, opening, health = Inbox(robots), OdometryInbox(robots), Opening(), WorldHealth(robots)
 
     def end() -> None:
         inbox.interrupt()
@@ -78,9 +68,9 @@ def main(
     receive_on_threads(most_sessions(robots) + 1)
     with ExitStack() as stack:
         stack.enter_context(said_by("bridge"))
-        stack.enter_context(open_watch_port(health, watch_port))
-        access = Access(listen, users, keys, insecure).session(bus_keys, robots, log)
-        session = stack.enter_context(open_session(listen, access))
+        stack.enter_context(watch_port(health, options.watch_port))
+        settings = options.session(keys, robots, log)
+        session = stack.enter_context(open_session(options.listen, settings))
         stack.enter_context(closing(inbox))
         ros_session = _open_ros(bridge.connect, opening, log, health)
         if ros_session is None:
@@ -88,19 +78,18 @@ def main(
         ros = Ros(stack.enter_context(ros_session), bridge, odometry)
         world = LiveWorld(bridge, odometry, ros.put, log, epoch=epoch)
         stack.callback(world.stop)
-        scene = PublicScene(epoch=epoch, scene=bridge.scene())
-        bus = Bus(session, bus_keys, scene, robots, inbox)
+        bus = Bus(session, keys, PublicScene(epoch=epoch, scene=bridge.scene()), robots, inbox)
         log.info(
             "bridge started",
             robots=len(robots),
-            listen=listen,
+            listen=options.listen,
             connect=bridge.connect,
-            run=run,
+            run=options.run,
             epoch=epoch,
         )
         health.up()
-        driven = Run(world, RealTime(bridge.step_s), inbox, bus, log, health, heed=world.heed)
-        driven.wait_for_robots(start_timeout)
+        driven = Run(world, RealTime(bridge.step_s), inbox, bus, log, health)
+        driven.wait_for_robots(options.start_timeout)
         world.begin()
         driven.drive()
         health.ends()
@@ -131,4 +120,4 @@ def _open_ros(
 
 
 if __name__ == "__main__":
-    run_command(main)
+    run(main)

@@ -4,7 +4,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import NamedTuple
 
 import zenoh
 from structlog.typing import FilteringBoundLogger
@@ -13,55 +12,35 @@ from protocol.messages import Command
 from protocol.session import LATEST_WINS
 from world.judge import RefusalNotices
 from world.ros2.cdr import STOP, CdrError, Twist, decode_odometry, encode_twist
-from world.ros2.odometry import OdometryError, Reason
-from world.ros2.settings import Ros2Bridge
+from world.ros2.odometry import OdometryError, Reason, Ros2Bridge
 from world.ros2.world import OdometryWorld
 
 MOST_WAITING = 64
 """Of one robot. Of more than that in one step the oldest are not looked at."""
 
 
-class Arrival(NamedTuple):
-    """A payload as received."""
-
-    robot: str
-    payload: bytes
-    arrived_s: float
-
-
 class OdometryInbox:
-    """Stores on any thread, and does nothing else; is emptied on one.
-
-    Args:
-        robots: ids.
-        now_s: a monotonic clock.
-    """
+    """Stores on any thread, and does nothing else; is emptied on one."""
 
     def __init__(self, robots: Iterable[str], now_s: Callable[[], float] = time.monotonic) -> None:
         self._now_s = now_s
-        self._waiting: dict[str, deque[Arrival]] = {robot: deque(maxlen=MOST_WAITING) for robot in robots}
+        self._waiting: dict[str, deque[tuple[str, bytes, float]]] = {
+            robot: deque(maxlen=MOST_WAITING) for robot in robots
+        }
 
     def store(self, robot: str, payload: bytes) -> None:
         """A payload has come on the odometry topic of one of the robots."""
-        self._waiting[robot].append(Arrival(robot, payload, self._now_s()))
+        self._waiting[robot].append((robot, payload, self._now_s()))
 
-    def take(self) -> list[Arrival]:
-        """What has come since the last time, of each robot in its order."""
+    def take(self) -> list[tuple[str, bytes, float]]:
+        """Robot, payload and time of arrival of what has come since the last time, of each robot in order."""
         return [waiting.popleft() for waiting in self._waiting.values() for _ in range(len(waiting))]
-
-
-def key_of(topic: str) -> str:
-    """The Zenoh key of a ROS topic: its full name without the first slash."""
-    return topic.removeprefix("/")
 
 
 class Ros:
     """Everything that is declared on the session to the side of ROS.
 
-    Args:
-        session: open for as long as this is used.
-        settings: which robots, on which topics.
-        inbox: where odometry goes.
+    The Zenoh key of a ROS topic is its full name without the first slash.
     """
 
     def __init__(self, session: zenoh.Session, settings: Ros2Bridge, inbox: OdometryInbox) -> None:
@@ -69,11 +48,11 @@ class Ros:
             inbox.store(robot, sample.payload.to_bytes())
 
         self._twists = {
-            robot.id: session.declare_publisher(key_of(robot.command), express=True, **LATEST_WINS)
+            robot.id: session.declare_publisher(robot.command.removeprefix("/"), express=True, **LATEST_WINS)
             for robot in settings.robots
         }
         self._declared = [
-            session.declare_subscriber(key_of(robot.odometry), partial(store, robot.id))
+            session.declare_subscriber(robot.odometry.removeprefix("/"), partial(store, robot.id))
             for robot in settings.robots
         ]
 
@@ -83,18 +62,10 @@ class Ros:
 
 
 class LiveWorld(OdometryWorld):
-    """The core between two buses; a :class:`world.run.Steps`.
+    """The core between two buses.
 
     At the beginning of each step every robot is told what to do should no command come, and as soon as its
     command comes, what that says: a robot whose agent hangs is already braking when that is noticed.
-
-    Args:
-        settings: see :class:`world.ros2.world.OdometryWorld`.
-        inbox: odometry that comes in.
-        drive: takes each robot's twists.
-        log: for people.
-        epoch: identifies this world in all its messages.
-        now_s: the clock of the inbox.
     """
 
     def __init__(

@@ -4,24 +4,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from protocol.messages import (
-    Accuracy,
-    Command,
-    Observation,
-    Refusal,
-    Refusals,
-    State,
-    TrueRobot,
-    Truth,
-    Verdict,
-)
+from protocol.messages import Accuracy, Command, Observation, State
 from protocol.vehicle import Limits
-from world.judge import refusal_at
 from world.referee import Distances
 from world.ros2.cdr import STOP, Odometry, Twist
-from world.ros2.odometry import OdometryError, Reading, Stamps, reading_of
-from world.ros2.settings import Ros2Bridge, Ros2Robot
+from world.ros2.odometry import OdometryError, Reading, Ros2Bridge, Ros2Robot, Stamps, reading_of
 from world.vehicle import Vehicle, VehicleState
+from world.world import BaseWorld
 
 FIRST_STEP = 1
 """Robots take everybody to stand at step 0. Nobody has made sure of that here, so there is none."""
@@ -40,66 +29,32 @@ class _Robot:
     accuracy: Accuracy = field(default_factory=Accuracy)
 
 
-class OdometryWorld:
+class OdometryWorld(BaseWorld):
     """All robots of a bridge, one step after the other.
 
-    Nothing here reads a clock, starts a thread, or does input or output. Every step begins with `look`. A
-    robot is in the scene while its odometry is no older than ``stale_s``: only then it is seen, is told what
-    it sees, and drives. All others are told to stand.
+    Every step begins with `look`. A robot is in the scene while its odometry is no older than ``stale_s``:
+    only then it is seen, is told what it sees, and drives. All others are told to stand. By itself the run
+    never ends and nobody arrives, since nobody here knows a goal.
 
     A twist holds the speed at the end of the step, and the turn rate. It is integrated from the commanded
     speed rather than from the measured one, which lags behind it; yet it runs ahead of that by no more than
     ``drive_lag_s`` of acceleration, so that a robot that was held back does not start with a jump.
-
-    Args:
-        settings: the robots and what is known of them.
-        epoch: identifies this world in all its messages.
     """
 
     def __init__(self, settings: Ros2Bridge, *, epoch: int) -> None:
-        self._settings = settings
-        self._epoch = epoch
-        self._step = FIRST_STEP
         nowhere = VehicleState(0.0, 0.0, 0.0, 0.0)
-        self._robots = {
-            robot.id: _Robot(robot, Vehicle(robot.limits, settings.step_s, nowhere))
-            for robot in settings.robots
-        }
-        self._distances = Distances(settings.scene())
-        self._verdict: Verdict | None = None
-
-    @property
-    def step(self) -> int:
-        """The present step."""
-        return self._step
-
-    @property
-    def robots(self) -> tuple[str, ...]:
-        """Ids of all robots, in the order of the file."""
-        return tuple(self._robots)
-
-    @property
-    def present(self) -> tuple[str, ...]:
-        """Ids of the robots of which it is known where they are."""
-        return tuple(name for name, robot in self._robots.items() if robot.seen)
-
-    @property
-    def over(self) -> bool:
-        """Whether the run has been ended; by itself it never ends, since nobody here knows a goal."""
-        return self._verdict is not None
+        vehicles = {robot.id: Vehicle(robot.limits, settings.step_s, nowhere) for robot in settings.robots}
+        super().__init__(settings, vehicles, Distances(settings.scene()), epoch=epoch, step=FIRST_STEP)
+        self._settings = settings
+        self._tracked = {robot.id: _Robot(robot, vehicles[robot.id]) for robot in settings.robots}
 
     def take(self, robot: str, odometry: Odometry, arrived_s: float) -> None:
         """Odometry has come; it counts from the next `look` on.
 
-        Args:
-            robot: whose it is.
-            odometry: as received.
-            arrived_s: when, on the clock of `look`.
-
         Raises:
             OdometryError: it cannot be used, or is not newer than what was there before.
         """
-        known = self._robots[robot]
+        known = self._tracked[robot]
         reading = reading_of(odometry, known.settings)
         measured_s = known.stamps.measured_s(reading.stamp_ns, arrived_s, self._settings.stale_s)
         if measured_s is None:
@@ -107,12 +62,8 @@ class OdometryWorld:
         known.reading, known.measured_s = reading, measured_s
 
     def look(self, now_s: float) -> None:
-        """The present step is now: everybody is where odometry says, brought to this moment.
-
-        Args:
-            now_s: on the clock of the arrivals.
-        """
-        for robot in self._robots.values():
+        """The present step is now: everybody is where odometry says, brought to this moment."""
+        for robot in self._tracked.values():
             age_s = max(now_s - robot.measured_s, 0.0)
             if robot.reading is None or age_s > self._settings.stale_s:
                 robot.seen = None
@@ -122,86 +73,24 @@ class OdometryWorld:
                 robot.vehicle.state = seen._replace(speed_mps=self._wanted_mps(robot, seen.speed_mps))
                 robot.accuracy = self._accuracy(robot.reading, robot.settings.limits, age_s)
                 robot.seen = seen
-        self._distances.measure({name: robot.seen for name, robot in self._robots.items() if robot.seen})
+        self._distances.measure(self._states())
 
-    def observations(self) -> dict[str, Observation]:
+    def observations(self) -> Mapping[str, Observation]:
         """What each robot in the scene is told of the present step: all that are, itself included."""
-        present = [robot for robot in self._robots.values() if robot.seen]
-        states = {robot.settings.id: State.of(*robot.seen) for robot in present if robot.seen}
-        observation = Observation(
-            epoch=self._epoch,
-            step=self._step,
-            time_s=self._settings.time_s(self._step),
-            robots=states,
-            accuracy=_worst([robot.accuracy for robot in present]),
-        )
+        states = {robot: State.of(*state) for robot, state in self._states().items()}
+        observation = self._observation(states, _worst([self._tracked[robot].accuracy for robot in states]))
         return dict.fromkeys(states, observation)
 
-    def refusal(self, robot: str, command: Command) -> Refusal | None:
-        """Why a command that came from this robot does not answer the present step, None if it does."""
-        return refusal_at(self._step, self._epoch, robot, command)
-
     def twist(self, robot: str, command: Command | None = None) -> Twist:
-        """What this robot is to do during the present step.
-
-        Args:
-            robot: its id.
-            command: that answers the step; None: there is none yet.
-        """
-        known = self._robots[robot]
+        """What this robot is to do during the present step."""
+        known = self._tracked[robot]
         if known.seen is None:
             return STOP
-        driven = known.vehicle.driven_by(_counts(command))
+        driven = known.vehicle.driven_by(self._answer(robot, command))
         return Twist(driven.state.speed_mps, driven.applied.turn_rate_radps)
 
-    def advance(self, commands: Mapping[str, Command]) -> None:
-        """Go on to the next step; `look` says where everybody is then.
-
-        A robot without a command has missed its deadline, which is counted; see
-        :class:`world.vehicle.Vehicle` for what it drives. Those that are not in the scene stand.
-
-        Args:
-            commands: that answer the present step, by the robot that gave them.
-        """
-        for name, robot in self._robots.items():
-            if robot.seen:
-                robot.vehicle.obey(_counts(commands.get(name)))
-        self._step += 1
-
-    def interrupt(self) -> None:
-        """End the run."""
-        self._verdict = self._verdict or "interrupted"
-
-    def truth(self, refused: Refusals | None = None) -> Truth:
-        """What the bench is told of the present step: where odometry says that everybody is.
-
-        Nobody arrives, since nobody here knows a goal.
-
-        Args:
-            refused: commands that were not taken so far.
-        """
-        return Truth(
-            epoch=self._epoch,
-            step=self._step,
-            time_s=self._settings.time_s(self._step),
-            robots={
-                name: TrueRobot(
-                    state=State.of(*robot.seen),
-                    turn_rate_radps=robot.vehicle.applied.turn_rate_radps,
-                    acceleration_mps2=robot.vehicle.applied.acceleration_mps2,
-                    arrived_s=None,
-                    driven_m=self._distances.driven_m[name],
-                    deadline_misses=robot.vehicle.deadline_misses,
-                    clipped_commands=robot.vehicle.clipped_commands,
-                )
-                for name, robot in self._robots.items()
-                if robot.seen
-            },
-            minimum_distance_m=self._distances.minimum_distance_m,
-            collisions=self._distances.collisions,
-            verdict=self._verdict,
-            refused=refused or {},
-        )
+    def _states(self) -> Mapping[str, VehicleState]:
+        return {name: robot.seen for name, robot in self._tracked.items() if robot.seen}
 
     def _wanted_mps(self, robot: _Robot, measured_mps: float) -> float:
         """The speed that a robot is to have by now: its own, where nothing was wanted of it before."""
@@ -233,11 +122,6 @@ def gone_on(reading: Reading, age_s: float) -> VehicleState:
         state.heading_rad + 2.0 * half_rad,
         state.speed_mps,
     )
-
-
-def _counts(command: Command | None) -> Command | None:
-    """The command, unless it is there to say that there is none."""
-    return None if command is None or command.withheld else command
 
 
 def _worst(of_each: list[Accuracy]) -> Accuracy:

@@ -13,7 +13,7 @@ import typer
 import agent.__main__
 import world.__main__
 from agent.process.options import parse_goal
-from protocol.device_keys import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE
+from protocol.identity import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE
 from protocol.scenario import load_scenario
 from scenarios import find
 

@@ -35,5 +35,5 @@ def test_a_device_gets_agent_and_protocol_and_nothing_of_the_bench(tmp_path):
         python,
         "-P",
         "-c",
-        "import agent.process.robot, agent.process.health, chassis.watching, agent.process.health",
+        "import agent.process.robot, agent.process.health, chassis.health, agent.process.health",
     )

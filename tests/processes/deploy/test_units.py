@@ -17,8 +17,9 @@ import typer
 import agent.__main__
 import world.__main__
 from agent.cli import app
-from chassis.health import LONGEST_SILENCE_S, LONGEST_START_S
-from protocol.device_keys import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE
+from chassis.health import LONGEST_SILENCE_S
+from chassis.process import LONGEST_START_S
+from protocol.identity import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE
 
 ROOT = Path(__file__).parents[3]
 UNITS = ROOT / "deploy" / "systemd"

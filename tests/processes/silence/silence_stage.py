@@ -21,9 +21,8 @@ from protocol.scenario import Pose, Scenario, ScenarioRobot
 from protocol.scene import Area
 from protocol.session import SessionSettings, client_session, world_session
 from world.access import Access
-from world.bus import Bus
+from world.bus import Bus, Inbox
 from world.clock import LockStep
-from world.inbox import Inbox
 from world.run import Run
 from world.world import World
 
@@ -168,7 +167,7 @@ class Stage:
             return zenoh.Config.from_json5(json.dumps(merged(config, self._settings)))
         users = self._folder / "users"
         write_users(users, self.passwords)
-        access = Access(self.endpoint, users)
+        access = Access(listen=self.endpoint, users=users)
         return access.session(KEYS, ROBOTS, structlog.get_logger()).to_zenoh()
 
     def connect(

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.remember.memory import LONGEST_GAP, MOST_CAUTION_M, Memory
-from protocol.arrival import wrap_angle
-from protocol.vehicle import STANDSTILL, Limits
+from protocol.vehicle import STANDSTILL, Limits, wrap_angle
 
 WINDOW = 17
 State = tuple[float, float, float, float]

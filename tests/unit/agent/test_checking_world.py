@@ -22,8 +22,7 @@ from protocol.messages import PublicScene
 from protocol.session import receive_on_threads
 from protocol.version import disagreement
 from world.access import Access
-from world.bus import Bus
-from world.inbox import Inbox
+from world.bus import Bus, Inbox
 
 NOW = datetime.now(UTC).replace(microsecond=0)
 KEYS = Keys("run")
@@ -62,7 +61,7 @@ def world(listen, **proof):
     """A world of robots 1 and 2 that waits for them."""
     inbox = Inbox(ROBOTS)
     scene = PublicScene(epoch=EPOCH, scene=scene_of(ROBOTS))
-    settings = Access(listen, **proof).session(KEYS, ROBOTS, structlog.get_logger())
+    settings = Access(listen=listen, **proof).session(KEYS, ROBOTS, structlog.get_logger())
     with zenoh.open(settings.to_zenoh()) as session, closing(inbox):
         _bus = Bus(session, KEYS, scene, ROBOTS, inbox)
         yield inbox
@@ -172,7 +171,7 @@ def test_a_world_that_does_not_believe_this_device_is_told_apart(port, authority
     folder = keys_of(WORLD_NAME, tmp_path, authority)
     own = keys_of("1", tmp_path / "own", authority)
     other_one = keys_of("2", tmp_path / "other", other)
-    settings = Access(endpoint, keys=folder).session(KEYS, ROBOTS, structlog.get_logger())
+    settings = Access(listen=endpoint, keys=folder).session(KEYS, ROBOTS, structlog.get_logger())
     (folder / "authority.pem").write_bytes((other_one / "authority.pem").read_bytes())
     with zenoh.open(settings.to_zenoh()):
         assert "TLS refused there" in refused(device(endpoint, keys=own))

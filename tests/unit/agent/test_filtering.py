@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agent.remember.filtering import change_sigmas, first_belief, smooth, unknown_sigmas
-from protocol.arrival import wrap_angle
-from protocol.vehicle import Limits
+from protocol.vehicle import Limits, wrap_angle
 
 LIMITS = Limits()
 CHANGES = change_sigmas(LIMITS, STEP_S)

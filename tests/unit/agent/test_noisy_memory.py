@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agent.remember.memory import LONGEST_GAP, Memory, Track
-from protocol.arrival import nearest_turn, wrap_angle
-from protocol.vehicle import Input, Limits
+from protocol.vehicle import Input, Limits, nearest_turn, wrap_angle
 
 WINDOW = 17
 LOW = (0.02, 0.02, math.radians(2.0), 0.05)

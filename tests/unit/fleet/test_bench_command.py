@@ -16,7 +16,7 @@ from fleet.bench.measuring import Progress, SectionName, Settings
 from fleet.bench.processes import StartupRow
 from fleet.bench.report import SECTIONS, Figures, Report, judge
 from fleet.cli import app
-from world.inbox import Inbox
+from world.bus import Inbox
 
 LITTLE = ("--robots", 2, "--crossings", 2, "--steps", 4, "--decisions", 4, "--rounds", 5, "--starts", 1)
 ROW = StartupRow(together=1, starts=1, ready_s=2.0, cpu_s=1.0, resident_mib=100.0)

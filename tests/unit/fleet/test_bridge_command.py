@@ -9,9 +9,9 @@ from click.testing import Result
 from ros2_helpers import bridge_file
 from typer.testing import CliRunner
 
-from chassis.yaml_file import read_as
+from chassis.files import read_as
 from fleet.cli import app
-from world.ros2.settings import Ros2Bridge
+from world.ros2.odometry import Ros2Bridge
 
 ROOT = Path(__file__).parents[3]
 

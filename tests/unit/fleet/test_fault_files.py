@@ -159,4 +159,4 @@ def test_a_world_alone_reads_a_scenario_without_knowing_its_faults(tmp_path: Pat
     path.write_text(scenario_text(CROSSING) + "faults: [{kind: of another bench, since: 3}]\n")
     alone = protocol.scenario.load_scenario(path)
     assert alone.robots == CROSSING.robots
-    assert protocol.scenario.parse_scenario(scenario_text(alone), path) == alone
+    assert protocol.scenario.load_scenario(path, scenario_text(alone)) == alone

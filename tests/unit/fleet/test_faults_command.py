@@ -9,13 +9,13 @@ from click.testing import Result
 from faults_helpers import MEETING
 from typer.testing import CliRunner
 
+import protocol.scenario
 from agent.process.options import DecisionOptions
 from fleet.cli import app
 from fleet.inject.scenario import load_scenario
 from fleet.record.recording import Recording, read_recording
 from fleet.run.experiment import prepare
 from protocol.messages import Command, PublicScene, Truth
-from protocol.scenario import parse_scenario
 
 LOSSY = [{"kind": "loss", "rate": 1.0, "robots": [1], "start_s": 0.1}]
 
@@ -45,7 +45,7 @@ def simulated_with(*options: object, out: str = "out") -> Recording:
 
 def test_a_recording_holds_the_scenario_with_the_faults_of_the_file() -> None:
     recording = simulated_with("--faults", "faults.yaml")
-    assert parse_scenario(recording.scenario_text, recording.path).faults == tuple(LOSSY)
+    assert protocol.scenario.load_scenario(recording.path, recording.scenario_text).faults == tuple(LOSSY)
     assert recording.facts.faults == 1
     assert truths(recording)[-1].robots["1"].deadline_misses == 5
 

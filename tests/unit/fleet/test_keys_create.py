@@ -11,7 +11,7 @@ import pytest
 from keys_helpers import NOW, Clock, content, keys, made, rows
 
 from fleet.keys import folders
-from protocol.device_keys import load_device_keys, read_certificate
+from protocol.identity import load_device_keys, read_certificate
 from protocol.keys import BENCH_NAME, WORLD_NAME
 
 pytestmark = pytest.mark.usefixtures("clock")

@@ -9,7 +9,7 @@ import pytest
 from keys_helpers import Clock, content, hosts_shown, keys, made, rows
 
 from fleet.keys import folders
-from protocol.device_keys import load_device_keys
+from protocol.identity import load_device_keys
 
 pytestmark = pytest.mark.usefixtures("clock")
 

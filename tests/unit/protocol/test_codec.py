@@ -21,7 +21,6 @@ from protocol.messages import (
     Mind,
     Observation,
     PublicScene,
-    Timings,
     Truth,
 )
 from protocol.scene import MAX_ROBOTS
@@ -81,13 +80,8 @@ COMMAND: dict[str, Any] = {
     "then": [0.125, -0.25],
     "withheld": False,
 }
-OBSERVATION: dict[str, Any] = {
-    "schema_version": 1,
-    "epoch": 5,
-    "step": 7,
-    "time_s": 0.7,
-    "robots": {"a": {"x_m": 1.0, "y_m": 2.0, "heading_rad": 0.5, "speed_mps": 0.0}},
-}
+OBSERVATION: dict[str, Any] = {"schema_version": 1, "epoch": 5, "step": 7, "time_s": 0.7}
+STATE = {"x_m": 1, "y_m": 2.0, "heading_rad": 0.5, "speed_mps": 0.0}  # whole numbers are numbers, too
 
 
 def packed(content: Any) -> bytes:
@@ -124,12 +118,6 @@ def test_on_the_wire_a_message_is_a_msgpack_map_of_its_fields() -> None:
     assert tuple(command.input) == (0.25, -0.5)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@given(payload=st.binary(max_size=200))
-def test_random_bytes_are_refused(kind: type[Message], payload: bytes) -> None:
-    assert decodes_or_is_refused(kind, payload)
-
-
 PLAIN = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text() | st.binary(),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text() | st.binary(), inner, max_size=4),
@@ -137,13 +125,13 @@ PLAIN = st.recursive(
 )
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@given(content=PLAIN)
-def test_random_msgpack_is_refused(kind: type[Message], content: Any) -> None:
-    assert decodes_or_is_refused(kind, packed(content))
-    assert decodes_or_is_refused(
-        kind, packed({"schema_version": 1, "epoch": 1, "step": content, "robots": content})
-    )
+@given(st.sampled_from(KINDS), st.binary(max_size=200), PLAIN)
+def test_random_bytes_and_random_msgpack_are_refused(
+    kind: type[Message], payload: bytes, content: Any
+) -> None:
+    fields = {"schema_version": 1, "epoch": 1, "step": content, "robots": content}
+    for each in (payload, packed(content), packed(fields)):
+        assert decodes_or_is_refused(kind, each)
 
 
 @given(MESSAGES, st.data())
@@ -164,13 +152,7 @@ def test_a_message_cut_short_or_with_bytes_behind_it_is_refused(
     assert "not readable as msgpack" in refusal(type(message), payload + b"\xc0")
 
 
-@given(MESSAGES, st.sampled_from(KINDS))
-def test_a_message_of_one_kind_is_no_message_of_another(message: Message, kind: type[Message]) -> None:
-    if kind is not type(message):
-        assert refusal(kind, encode(message)).startswith(f"{kind.__name__}: ")
-
-
-@pytest.mark.parametrize("depth", [8, 100, 900, 1000, 1020, 5000, 100_000])
+@pytest.mark.parametrize("depth", [8, 1000, 1020, 100_000])
 @pytest.mark.parametrize("field", ["schema_version", "step", "unknown"])
 def test_deep_nesting_is_refused(field: str, depth: int) -> None:
     inside = packed(field) + b"\x91" * depth + b"\x01"
@@ -209,27 +191,12 @@ def test_too_many_items_and_too_many_bytes_are_refused() -> None:
 
 def test_a_message_that_no_reader_would_accept_is_not_sent() -> None:
     path = tuple((0.5, 0.5) for _ in range(201))
-    mind = Mind(
-        epoch=1,
-        robot="a",
-        step=0,
-        decision=0,
-        arrived=False,
-        estimates={},
-        prediction={f"r{n}": path for n in range(128)},
-        plan=path,
-        failed=(),
-        solver_failures=0,
-        cut_short_at=None,
-        timings_ms=Timings(),
-    )
+    mind = Mind.model_construct(prediction={f"r{n}": path for n in range(128)})
     with pytest.raises(MessageError, match=rf"Mind: \d+ bytes, at most {MAX_PAYLOAD_BYTES} are allowed"):
         encode(mind)
-    half = mind.model_copy(update={"prediction": {f"r{n}": path for n in range(64)}})
-    assert decode(Mind, encode(half)) == half
 
 
-@pytest.mark.parametrize("version", [0, 2, 1.0, True, "1", None, [1] * 500, {"1": 1}])
+@pytest.mark.parametrize("version", [0, 2, 1.0, True, "1", None, [1] * 500])
 def test_another_schema_version_is_refused(version: Any) -> None:
     told = refusal(Command, packed({**COMMAND, "schema_version": version}))
     assert told.startswith("Command: schema_version: ")
@@ -237,91 +204,48 @@ def test_another_schema_version_is_refused(version: Any) -> None:
     assert len(told) < 200
 
 
-def test_a_message_without_a_version_is_refused() -> None:
-    unversioned = {name: value for name, value in COMMAND.items() if name != "schema_version"}
-    assert refusal(Command, packed(unversioned)) == "Command: schema_version: None found, 1 expected"
-
-
-@pytest.mark.parametrize("content", [None, 1, "text", [COMMAND], []])
-def test_what_is_no_map_is_refused(content: Any) -> None:
-    assert refusal(Command, packed(content)).startswith("Command: a map is expected, found ")
-
-
 @pytest.mark.parametrize(
     ("field", "value", "told"),
     [
         ("turn_rate_radps", math.nan, "should be a finite number, found nan"),
-        ("turn_rate_radps", math.inf, "found inf"),
-        ("acceleration_mps2", -math.inf, "found -inf"),
         ("acceleration_mps2", 1e7, "found 10000000.0"),
-        ("acceleration_mps2", 2**64 - 1, "found 18446744073709551615"),
         ("acceleration_mps2", "1.0", "should be a valid number, found '1.0'"),
         ("acceleration_mps2", True, "should be a valid number, found True"),
-        ("acceleration_mps2", None, "should be a valid number, found None"),
-        ("acceleration_mps2", [1.0], "should be a valid number, found (1.0,)"),
-        ("step", 1.0, "should be a valid integer, found 1.0"),
         ("step", True, "should be a valid integer, found True"),
-        ("step", "1", "should be a valid integer, found '1'"),
         ("step", -1, "found -1"),
-        ("step", 2**53 + 1, "found 9007199254740993"),
-        ("epoch", -1, "found -1"),
         ("epoch", 2**63, "found 9223372036854775808"),
         ("robot", "a/b", "should match pattern"),
-        ("robot", "", "should match pattern"),
         ("robot", "a\n", "should match pattern"),
-        ("robot", 5, "should be a valid string, found 5"),
         ("then", 0.5, "should be a valid tuple, found 0.5"),
-        ("then", [0.5], "Field required"),
         ("then", [0.5, 0.5, 0.5], "at most 2 items"),
         ("then", [0.5, math.nan], "should be a finite number, found nan"),
         ("speed", 1.0, "Extra inputs are not permitted, found 1.0"),
+        ("step", ..., "Field required"),
     ],
 )
 def test_a_wrong_field_is_named_with_what_was_found(field: str, value: Any, told: str) -> None:
-    line = refusal(Command, packed({**COMMAND, field: value}))
+    content = {name: each for name, each in {**COMMAND, field: value}.items() if each is not ...}
+    line = refusal(Command, packed(content))
     assert line.startswith((f"Command: {field}: ", f"Command: {field}.1: "))
     assert told in line
 
 
-def test_a_command_may_say_nothing_of_the_step_after() -> None:
-    rest = {name: value for name, value in COMMAND.items() if name != "then"}
-    assert decode(Command, packed(rest)).then is None
-    assert decode(Command, packed({**COMMAND, "then": None})).then is None
+@pytest.mark.parametrize(
+    ("robots", "told"),
+    [
+        ({"a": {**STATE, "speed_mps": math.nan}}, "robots.a.speed_mps: "),
+        ({"a/b": STATE}, "should match pattern"),
+        ({"x" * 33: STATE}, "should match pattern"),
+        ({1: STATE}, "not readable as msgpack: ValueError: int is not allowed for map key"),
+        ({f"r{n}": STATE for n in range(MAX_ROBOTS + 1)}, "robots: "),
+    ],
+)
+def test_a_mistake_deep_inside_is_named_with_its_path(robots: dict[Any, Any], told: str) -> None:
+    line = refusal(Observation, packed({**OBSERVATION, "robots": robots}))
+    assert line.startswith("Observation: ")
+    assert told in line
 
 
-OPTIONAL = ("schema_version", "then", "withheld")
-
-
-@pytest.mark.parametrize("field", [name for name in COMMAND if name not in OPTIONAL])
-def test_a_missing_field_is_named(field: str) -> None:
-    rest = {name: value for name, value in COMMAND.items() if name != field}
-    assert refusal(Command, packed(rest)).startswith(f"Command: {field}: Field required")
-
-
-def test_a_wrong_field_deep_inside_is_named_with_its_path() -> None:
-    state = {**OBSERVATION["robots"]["a"], "speed_mps": math.nan}
-    told = refusal(Observation, packed({**OBSERVATION, "robots": {"a": state}}))
-    assert told.startswith("Observation: robots.a.speed_mps: ")
-
-
-def test_a_map_with_a_wrong_key_is_refused() -> None:
-    state = OBSERVATION["robots"]["a"]
-    for wrong in ("a/b", "*", "x" * 33):
-        assert "should match pattern" in refusal(
-            Observation, packed({**OBSERVATION, "robots": {wrong: state}})
-        )
-    told = refusal(Observation, packed({**OBSERVATION, "robots": {1: state}}))
-    assert told.startswith("Observation: not readable as msgpack: ValueError: int is not allowed for map key")
-    assert refusal(Observation, packed({**OBSERVATION, "robots": {b"": state}})).startswith("Observation: ")
-
-
-def test_whole_numbers_are_accepted_where_a_number_is_expected() -> None:
-    command = decode(Command, packed({**COMMAND, "turn_rate_radps": 1, "acceleration_mps2": -2}))
-    assert tuple(command.input) == (1.0, -2.0)
-
-
-def test_one_robot_more_than_allowed_is_refused() -> None:
-    robots = {f"r{n}": OBSERVATION["robots"]["a"] for n in range(MAX_ROBOTS + 1)}
-    assert refusal(Observation, packed({**OBSERVATION, "robots": robots})).startswith("Observation: robots: ")
-    del robots["r0"]
+def test_as_many_robots_as_allowed_are_read() -> None:
+    robots = {f"r{n}": STATE for n in range(MAX_ROBOTS)}
     assert len(decode(Observation, packed({**OBSERVATION, "robots": robots})).robots) == MAX_ROBOTS

@@ -15,7 +15,6 @@ from protocol.scenario import (
     ScenarioRobot,
     Sensing,
     load_scenario,
-    parse_scenario,
     scenario_text,
 )
 from protocol.scene import Area, Horizons, Weights
@@ -76,24 +75,20 @@ def test_a_heading_left_out_points_from_start_to_goal(goal: tuple[float, float],
     assert (it.start_state()[2], it.goal_pose().heading_rad) == (1.0, -2.0)
 
 
-def test_the_scene_holds_no_goal_and_no_start_unless_asked() -> None:
-    it = scenario(A, B, weights={"speed": 0.5}, step_s=0.05)
+def test_the_scene_holds_no_start_and_a_goal_only_if_asked() -> None:
+    it = scenario(A, {**B, "radius_m": 1}, weights={"speed": 0.5}, step_s=0.05, safety_margin_m=0.5)
+    goals = it.scene(with_goals=True).goals
+    assert goals is not None
+    assert goals["a"].as_state() == (4, 0, 0, 0)
     scene = it.scene(with_goals=False)
+    assert scene.collision_distance_m("a", "b") == pytest.approx(1.495)
+    assert scene.safety_distance_m("a", "b") == pytest.approx(2.495)
     assert scene.goals is None
     assert set(scene.model_dump()) == {
         "step_s", "area", "horizons", "weights", "arrival_tolerance", "safety_margin_m", "robots", "goals",
     }  # fmt: skip
     assert all(set(public) == {"radius_m", "limits"} for public in scene.model_dump()["robots"].values())
     assert (scene.weights.speed, scene.step_s, list(scene.robots)) == (0.5, 0.05, ["a", "b"])
-
-
-def test_the_scene_of_exchanged_goals_holds_every_goal() -> None:
-    goals = scenario(A, B).scene(with_goals=True).goals
-    assert goals is not None
-    assert {name: goal.as_state() for name, goal in goals.items()} == {
-        "a": (4, 0, 0, 0),
-        "b": (0, 4, pytest.approx(math.pi / 2), 0),
-    }
 
 
 def test_a_robots_own_sensing_replaces_that_of_the_scenario() -> None:
@@ -103,42 +98,26 @@ def test_a_robots_own_sensing_replaces_that_of_the_scenario() -> None:
     assert it.sensing_of(second) == Sensing(range_m=3)
 
 
-def test_different_bodies_keep_their_own_distances() -> None:
-    scene = scenario(A, {**B, "radius_m": 1}, safety_margin_m=0.5).scene(with_goals=False)
-    assert scene.collision_distance_m("a", "b") == pytest.approx(1.495)
-    assert scene.safety_distance_m("a", "b") == pytest.approx(2.495)
+@pytest.mark.parametrize(
+    ("robots", "place", "words"),
+    [
+        ([robot("a", (-10.01, 0), (4, 0))], "robots.0.start", " lies outside the area x -10…10, y -10…10 m"),
+        ([A, B, robot("a", (3, 3), (-3, -3))], "robots.2.id", "the id 'a' is used twice; ids must differ"),
+        ([A, robot("b", (-4, 0.985), (4, 5))], "robots.1.start", "0.99 m are needed: their bodies"),
+        ([A, robot("b", (-4, 5), (4, 1.385))], "robots.1.goal", "1.39 m are needed: they could not"),
+        ([A, B, robot("c", (0, 4), (0, -5), radius_m=5.5)], "robots.2.start", "'a' and 'c' are "),
+    ],
+)
+def test_robots_need_room_inside_the_area_and_ids_of_their_own(
+    robots: list[dict[str, Any]], place: str, words: str
+) -> None:
+    where, what = problem(*robots)
+    assert where == place
+    assert words in what
 
 
-def test_poses_lie_inside_the_area_or_on_its_border() -> None:
-    assert len(scenario(robot("a", (-10, -10), (10, 10))).robots) == 1
-    for outside, place in (
-        (robot("a", (-10.01, 0), (4, 0)), "robots.0.start"),
-        (robot("a", (-4, 0), (4, 10.01)), "robots.0.goal"),
-    ):
-        where, what = problem(outside, B)
-        assert where == place
-        assert what.endswith(" lies outside the area x -10…10, y -10…10 m")
-
-
-def test_starts_may_be_as_near_as_bodies_and_goals_as_near_as_the_safety_distance() -> None:
-    scenario(robot("a", (0, 0), (0, 5)), robot("b", (0.995, 0), (1.395, 5)))
-    assert problem(robot("a", (0, 0), (0, 5)), robot("b", (0.985, 0), (3, 5)))[0] == "robots.1.start"
-    assert problem(robot("a", (0, 0), (0, 5)), robot("b", (3, 0), (1.385, 5)))[0] == "robots.1.goal"
-
-
-def test_the_room_of_every_pair_is_checked_with_its_own_radii() -> None:
-    wide = robot("c", (0, 3), (0, -5.9), radius_m=3)
-    assert problem(A, B, wide, robot("d", (0, 6.4), (7, 7))) == (
-        "robots.3.start",
-        "the starts of robots 'c' and 'd' are 3.4 m apart, at least 3.495 m are needed: their bodies overlap",
-    )
-
-
-def test_an_id_used_twice_is_refused() -> None:
-    assert problem(A, B, robot("a", (3, 3), (-3, -3))) == (
-        "robots.2.id",
-        "the id 'a' is used twice; ids must differ",
-    )
+def test_bodies_may_touch_at_the_start_and_lie_on_the_border() -> None:
+    scenario(robot("a", (-10, -10), (10, 10)), robot("b", (-9.005, -10), (8.605, 10)))
 
 
 def problem(*robots: dict[str, Any]) -> tuple[str, str]:
@@ -203,7 +182,7 @@ def scenarios(draw: st.DrawFn) -> Scenario:
 
 @given(scenarios())
 def test_what_is_written_is_read_back_equal(scenario: Scenario) -> None:
-    read = parse_scenario(scenario_text(scenario), Path("written.yaml"))
+    read = load_scenario(Path("written.yaml"), scenario_text(scenario))
     assert read == scenario
     assert repr(read) == repr(scenario)  # which tells −0 from 0; a heading can depend on it
 
@@ -222,4 +201,4 @@ robots:
   - {id: 1, start: {x_m: -4, y_m: 0}, goal: {x_m: 4, y_m: 0.25, heading_rad: 1.57}, sensing: {}}
   - {id: b, start: {x_m: 4, y_m: 0}, goal: {x_m: -4, y_m: 0}, radius_m: 0.4, limits: {speed_mps: 2}}
 """
-    assert scenario_text(parse_scenario(text, Path("hall.yaml"))) == text
+    assert scenario_text(load_scenario(Path("hall.yaml"), text)) == text

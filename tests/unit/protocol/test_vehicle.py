@@ -1,4 +1,4 @@
-"""What a vehicle's limits allow at the next step, and how it comes to a standstill."""
+"""What a vehicle's limits allow at the next step, how it comes to a standstill, and when it has arrived."""
 
 import math
 from itertools import pairwise
@@ -7,7 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.vehicle import STANDSTILL, Input, Limits, braking_input, reachable_inputs
+from protocol.vehicle import (
+    STANDSTILL,
+    Input,
+    Limits,
+    braking_input,
+    has_arrived,
+    nearest_turn,
+    reachable_inputs,
+    wrap_angle,
+)
 
 ROUNDING = 1e-9
 STEPS_S = st.sampled_from([0.02, 0.1, 0.25])
@@ -42,10 +51,13 @@ def test_from_standing_still_one_step_allows_the_published_rates() -> None:
     assert lowest == pytest.approx((-0.05, -0.7))
 
 
-def test_at_the_limits_only_the_way_back_is_open() -> None:
-    lowest, highest = reachable_inputs(Limits(), Input(1.57, -3.0), 0.1)
-    assert highest == pytest.approx((1.57, -2.3))
-    assert lowest == pytest.approx((1.52, -3.0))
+@given(LIMITS, st.builds(Input, numbers(-50, 50), numbers(-50, 50)), STEPS_S)
+def test_a_previous_input_beyond_the_limits_is_brought_back_inside_first(
+    limits: Limits, previous: Input, step_s: float
+) -> None:
+    bounds = (limits.turn_rate_radps, limits.acceleration_mps2)
+    held = Input(*(min(max(value, -bound), bound) for value, bound in zip(previous, bounds, strict=True)))
+    assert reachable_inputs(limits, previous, step_s) == reachable_inputs(limits, held, step_s)
 
 
 @given(driving(), STEPS_S)
@@ -62,18 +74,6 @@ def test_reachable_inputs_are_a_box_around_the_previous_input_within_limits_and_
         assert high == bound or high == pytest.approx(at + rate * step_s)
         assert -bound <= low
         assert high <= bound
-
-
-@given(LIMITS, st.builds(Input, numbers(-50, 50), numbers(-50, 50)), STEPS_S)
-def test_from_any_previous_input_something_within_the_limits_is_reachable(
-    limits: Limits, previous: Input, step_s: float
-) -> None:
-    lowest, highest = reachable_inputs(limits, previous, step_s)
-    assert (
-        -limits.turn_rate_radps <= lowest.turn_rate_radps < highest.turn_rate_radps <= limits.turn_rate_radps
-    )
-    assert -limits.acceleration_mps2 <= lowest.acceleration_mps2 < highest.acceleration_mps2
-    assert highest.acceleration_mps2 <= limits.acceleration_mps2
 
 
 @given(driving(), st.builds(Input, numbers(-9, 9), numbers(-9, 9)), STEPS_S)
@@ -144,12 +144,30 @@ def test_braking_ends_at_rest_soon_within_all_limits_and_without_overshooting(
         assert after.turn_rate_radps * first.turn_rate_radps >= 0
 
 
-def test_a_vehicle_that_stands_stays() -> None:
-    assert braking_input(Limits(), STANDSTILL, 0.0, 0.1) == STANDSTILL
-
-
 @pytest.mark.parametrize("field", Limits.model_fields)
 def test_a_limit_must_be_a_positive_finite_number(field: str) -> None:
     for wrong in (0.0, -1.0, math.nan, math.inf, "1", True):
         with pytest.raises(ValueError, match=field):
             Limits.model_validate({field: wrong})
+
+
+ANGLES = st.floats(-100, 100)
+GOAL = (4.0, -4.0, 3.0, 0.0)
+
+
+@given(ANGLES, ANGLES)
+def test_the_nearest_turn_keeps_the_direction_and_lies_within_half_a_turn_of_the_reference(
+    angle: float, reference: float
+) -> None:
+    for turned, middle in ((nearest_turn(angle, reference), reference), (wrap_angle(angle), 0.0)):
+        assert abs(turned - middle) <= math.pi + 1e-9
+        assert math.cos(turned - angle) == pytest.approx(1.0)
+
+
+@given(st.tuples(*[st.floats(-0.2, 0.2)] * 4), st.integers(-20, 20))
+def test_arrival_is_the_norm_of_all_errors_but_whole_turns(errors: tuple[float, ...], turns: int) -> None:
+    x_m, y_m, heading_rad, speed_mps = (at + error for at, error in zip(GOAL, errors, strict=True))
+    state = (x_m, y_m, heading_rad + turns * math.tau, speed_mps)
+    distance = math.hypot(*errors)
+    assert has_arrived(state, GOAL, distance * (1.0 + 1e-9) + 1e-9)
+    assert not has_arrived(state, GOAL, distance * (1.0 - 1e-9) - 1e-9)

@@ -7,8 +7,8 @@ from structlog.testing import capture_logs
 from world_helpers import EPOCH, NIMBLE, command
 
 from protocol.codec import encode
+from world.bus import Inbox
 from world.clock import RealTime
-from world.inbox import Inbox
 from world.ros2.cdr import STOP
 from world.ros2.live import MOST_WAITING, LiveWorld, OdometryInbox
 from world.run import Run
@@ -59,31 +59,24 @@ def test_robots_are_told_to_brake_before_a_command_and_what_it_says_as_soon_as_i
     assert (robot, driving) == ("1", (pytest.approx(1.1), 0.2))
 
 
-def test_who_is_not_located_is_told_to_stand_and_named_in_the_log():
-    track = Track()
-    track.sends("1")
-    with capture_logs() as logs:
-        track.world.begin()
-    assert dict(track.told())["2"] == STOP
-    assert {
-        "event": "no odometry yet: not driven and not seen",
-        "robots": "2",
-        "log_level": "warning",
-    } in logs
-
-
 def test_loss_and_return_of_odometry_are_told_once_each():
-    track = Track(stale_s=0.15)
+    track = Track(3, stale_s=0.15)
     track.sends("1")
     track.sends("2", 3.0)
     with capture_logs() as logs:
         track.world.begin()
         for _ in range(5):
             track.next()
+        assert dict(track.told())["2"] == STOP
         track.sends("2", 3.0)
         track.next()
+    [never] = [each["robots"] for each in logs if each["event"] == "no odometry yet: not driven and not seen"]
+    assert never == "3"
     about = [(each["event"], each["step"]) for each in logs if each.get("robot") == "2"]
     assert about == [("odometry found", 1), ("odometry lost: the robot is stopped", 3), ("odometry found", 7)]
+    track.told()
+    track.world.stop()
+    assert track.told() == [("1", STOP), ("2", STOP), ("3", STOP)]
 
 
 def test_what_is_refused_is_counted_by_reason_and_each_reason_told_once():
@@ -128,15 +121,6 @@ def test_a_flood_of_odometry_is_bounded_and_its_newest_counts():
     assert track.world.refused_odometry == {}
 
 
-def test_at_the_end_everybody_is_told_to_stand():
-    track = Track(3)
-    track.sends("1", 0.0, 0.0, 0.0, 2.0)
-    track.world.begin()
-    track.told()
-    track.world.stop()
-    assert track.told() == [("1", STOP), ("2", STOP), ("3", STOP)]
-
-
 class Script:
     """Where a run publishes: robots answer each observation, until the run is interrupted at a step."""
 
@@ -161,7 +145,7 @@ def test_a_run_steps_it_as_it_steps_a_simulated_world():
     inbox = Inbox(track.world.robots)
     script = Script(inbox, track, last_step=5)
     clock = RealTime(0.1, track.now)
-    run = Run(track.world, clock, inbox, script, structlog.get_logger(), heed=track.world.heed)
+    run = Run(track.world, clock, inbox, script, structlog.get_logger())
     inbox.store_presence("1", present=True)
     run.wait_for_robots(0.0)
     track.sends("1")

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ros2_helpers import diagonal, odometry_bytes, settings
 
-from protocol.arrival import wrap_angle
 from protocol.messages import Accuracy
+from protocol.vehicle import wrap_angle
 from world.ros2.cdr import decode_odometry
 from world.ros2.odometry import WINDOW_S, OdometryError, Stamps, reading_of
 
@@ -21,17 +21,13 @@ def read(*values, robot=None, **fields):
     return reading_of(odometry, settings(1, robot=robot).robots[0])
 
 
-@given(x_m=places, y_m=places, heading_rad=angles, speed_mps=st.floats(-5.0, 5.0))
-def test_without_an_origin_the_frame_of_odometry_is_that_of_the_area(x_m, y_m, heading_rad, speed_mps):
-    found = read(x_m, y_m, heading_rad, speed_mps, 0.25, stamp_ns=7)
-    assert found.state == pytest.approx((x_m, y_m, heading_rad, speed_mps))
-    assert (found.turn_rate_radps, found.stamp_ns) == (0.25, 7)
-
-
 @given(x_m=places, y_m=places, heading_rad=angles, turned=angles, off_x_m=places, off_y_m=places)
 def test_an_origin_moves_and_turns(x_m, y_m, heading_rad, turned, off_x_m, off_y_m):
     origin = {"x_m": off_x_m, "y_m": off_y_m, "heading_rad": turned}
-    found = read(x_m, y_m, heading_rad, 1.5, robot={"origin": origin}).state
+    frame = {"origin": origin, "frame_id": "map"}
+    reading = read(x_m, y_m, heading_rad, 1.5, 0.25, stamp_ns=7, frame_id="map", robot=frame)
+    assert (reading.turn_rate_radps, reading.stamp_ns) == (0.25, 7)
+    found = reading.state
     moved = complex(off_x_m, off_y_m) + complex(x_m, y_m) * complex(math.cos(turned), math.sin(turned))
     assert (found.x_m, found.y_m) == pytest.approx((moved.real, moved.imag), abs=1e-6)
     assert wrap_angle(found.heading_rad - heading_rad - turned) == pytest.approx(0.0, abs=1e-9)
@@ -48,32 +44,22 @@ def test_the_heading_is_the_rotation_about_z_of_a_tilted_robot_too(angles_rad):
         cr * cp * sy - sr * sp * cy,
         cr * cp * cy + sr * sp * sy,
     )
-    for sign in (1.0, -1.0):  # both mean the same rotation
-        found = read(orientation=tuple(sign * part for part in quaternion)).state.heading_rad
+    for scale in (1.0, -1.0, 1.005):  # both signs mean the same rotation; a norm may be rounded
+        found = read(orientation=tuple(scale * part for part in quaternion)).state.heading_rad
         assert wrap_angle(found - yaw) == pytest.approx(0.0, abs=1e-6)
-
-
-def test_a_slightly_unnormalised_quaternion_is_normalised():
-    turned = tuple(1.005 * part for part in (0.0, 0.0, math.sin(0.4), math.cos(0.4)))
-    assert read(orientation=turned).state.heading_rad == pytest.approx(0.8)
 
 
 @pytest.mark.parametrize(
     ("fields", "reason", "detail"),
     [
         ({"x_m": math.nan}, "not finite", "not a finite number"),
-        ({"y_m": math.inf}, "not finite", "not a finite number"),
-        ({"speed_mps": -math.inf}, "not finite", "not a finite number"),
         ({"turn_rate_radps": math.nan}, "not finite", "not a finite number"),
         ({"orientation": (0.0, 0.0, math.nan, 1.0)}, "not finite", "not a finite number"),
-        ({"orientation": (0.0, 0.0, 0.0, 0.0)}, "no rotation", "norm 0 found, 1 is expected"),
         ({"orientation": (0.0, 0.0, 1.0, 1.0)}, "no rotation", "norm 1.41421 found"),
         ({"x_m": 2e5}, "out of range", "200000"),
-        ({"y_m": -1e300}, "out of range", "-1e+300"),
         ({"speed_mps": 1001.0}, "out of range", "1001 m/s"),
         ({"turn_rate_radps": -1e9}, "out of range", "-1e+09 rad/s"),
         ({"frame_id": "map"}, "in another frame", "'map' found, 'odom' expected"),
-        ({"frame_id": ""}, "in another frame", "'' found"),
     ],
 )
 def test_what_cannot_be_used_is_refused_with_a_reason(fields, reason, detail):
@@ -81,10 +67,6 @@ def test_what_cannot_be_used_is_refused_with_a_reason(fields, reason, detail):
         read(**fields)
     assert refused.value.reason == reason
     assert detail in str(refused.value)
-
-
-def test_the_frame_can_be_another_one():
-    assert read(1.0, frame_id="map", robot={"frame_id": "map"}).state.x_m == 1.0
 
 
 def test_the_covariance_gives_the_accuracy_and_the_worse_of_two_axes_counts():
@@ -133,12 +115,7 @@ def test_a_clock_that_was_set_back_is_believed_after_a_silence():
     assert measured(stamps, 10.0, 1.2) is None
     assert measured(stamps, 10.2, 1.4) == pytest.approx(1.4)
     assert measured(stamps, 10.3, 1.5) == pytest.approx(1.5)
-
-
-def test_a_clock_that_was_set_forward_is_believed_at_once():
-    stamps = Stamps()
-    measured(stamps, 10.0, 1.0)
-    assert measured(stamps, 1000.0, 1.1) == pytest.approx(1.1)
+    assert measured(stamps, 2000.0, 1.6) == pytest.approx(1.6), "and one that was set forward at once"
 
 
 def test_what_waited_for_a_link_to_come_back_is_as_old_as_it_is():
@@ -148,11 +125,3 @@ def test_what_waited_for_a_link_to_come_back_is_as_old_as_it_is():
     back_s = 4.0  # the link was away since 0.9 s
     for index in range(10, 40):
         assert measured(stamps, 500.0 + 0.1 * index, back_s) == pytest.approx(0.1 * index)
-
-
-def test_drifting_clocks_are_followed():
-    stamps = Stamps()
-    for index in range(1000):
-        arrived_s = 0.1 * index
-        found = measured(stamps, arrived_s * 0.9999, arrived_s)  # 0.1 ms a second too slow
-        assert arrived_s - found <= WINDOW_S * 1.1e-4

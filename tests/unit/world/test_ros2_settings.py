@@ -1,14 +1,12 @@
 """Files of a bridge: what they mean, and one clear error for everything that can be wrong in them."""
 
-import re
-
 import pytest
 import yaml
 from ros2_helpers import bridge_file
 
+from chassis.files import read_as
 from chassis.refusal import Refusal
-from chassis.yaml_file import read_as
-from world.ros2.settings import Ros2Bridge
+from world.ros2.odometry import Ros2Bridge
 
 
 @pytest.fixture
@@ -29,43 +27,17 @@ def test_a_file_with_nothing_but_robots_has_the_defaults_of_a_scenario(load):
 
 
 @pytest.mark.parametrize(
-    ("changes", "where", "words"),
-    [
-        ({"robots": []}, "robots", "at least 1 item"),
-        ({"stale": 1.0}, "stale", "did you mean 'stale_s'"),
-        ({"stale_s": 0}, "stale_s", "greater than 0"),
-        ({"stale_s": ".nan"}, "stale_s", "number"),
-        ({"goal": 1}, "goal", "there is no such field"),
-        ({"connect": 7447}, "connect", "put it in quotes"),
-        ({"step_s": "0.1"}, "step_s", "valid number"),
-    ],
-)
-def test_mistakes_are_told_with_their_line(load, changes, where, words):
-    with pytest.raises(Refusal) as refused:
-        load({**bridge_file(1), **changes})
-    assert re.search(rf"bridge\.yaml:\d+: {re.escape(where)}: ", str(refused.value))
-    assert words in str(refused.value)
-
-
-@pytest.mark.parametrize(
     ("robot", "field", "words"),
     [
         ({"odometry": "odom"}, "odometry", "the full name of a ROS topic is expected"),
-        ({"odometry": "/1/odom"}, "odometry", "no digit first"),
         ({"odometry": "/a//odom"}, "odometry", "'/a//odom' found"),
-        ({"odometry": "/a/*"}, "odometry", "'/a/*' found"),
         ({"command": "/robot/cmd_vel\n"}, "command", "the full name of a ROS topic"),
         ({"goal": {"x_m": 1.0, "y_m": 0.0}}, "goal", "there is no such field"),
-        ({"start": {"x_m": 1.0, "y_m": 0.0}}, "start", "there is no such field"),
-        ({"origin": {"x_m": "left"}}, "origin.x_m", "valid number"),
-        ({"limits": {"speed_mps": -1}}, "limits.speed_mps", "greater than 0"),
     ],
 )
 def test_mistakes_of_a_robot_are_told_with_their_place(load, robot, field, words):
-    with pytest.raises(Refusal) as refused:
+    with pytest.raises(Refusal, match=rf"bridge\.yaml:\d+: robots\[0\]\.{field}: .*{words}"):
         load(bridge_file(1, robot=robot))
-    assert f"robots[0].{field}: " in str(refused.value)
-    assert words in str(refused.value)
 
 
 def test_two_robots_cannot_have_one_id_or_one_topic(load):
@@ -80,10 +52,4 @@ def test_two_robots_cannot_have_one_id_or_one_topic(load):
     content = bridge_file(1)
     content["robots"][0]["command"] = "/robot_1/odom"
     with pytest.raises(Refusal, match=r"robots\[0\]\.command: .* \(odometry\)"):
-        load(content)
-
-
-@pytest.mark.parametrize("content", ["", "[]", "robots: [", "robots:\n  - &a [*a]\n"])
-def test_what_is_no_map_is_refused(load, content):
-    with pytest.raises(Refusal, match=r"bridge\.yaml"):
         load(content)

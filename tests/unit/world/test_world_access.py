@@ -30,7 +30,7 @@ def session(access):
 
 
 def test_with_passwords_the_policy_is_enforced_and_nothing_is_warned_of(users):
-    settings, warnings = session(Access(HERE, users))
+    settings, warnings = session(Access(listen=HERE, users=users))
     assert warnings == []
     subjects = settings.config["access_control"]["subjects"]
     assert {subject["usernames"] for subject in subjects} == {("1",), ("2",), (BENCH_NAME,)}
@@ -40,43 +40,31 @@ def test_with_passwords_the_policy_is_enforced_and_nothing_is_warned_of(users):
 
 
 def test_without_any_proof_a_world_says_that_it_is_open():
-    settings, warnings = session(Access(HERE))
+    settings, warnings = session(Access(listen=HERE))
     assert "access_control" not in settings.config
     assert warnings == ["no policy: whoever connects may read and say anything"]
 
 
 def test_a_world_that_others_can_reach_needs_keys_or_to_be_told(users):
-    for access in (Access(NETWORK), Access(NETWORK, users)):
+    for access in (Access(listen=NETWORK), Access(listen=NETWORK, users=users)):
         with pytest.raises(Refusal, match=r"can be reached from other machines.*--keys.*--insecure"):
             session(access)
-    settings, warnings = session(Access(NETWORK, users, insecure=True))
+    settings, warnings = session(Access(listen=NETWORK, users=users, insecure=True))
     assert "access_control" in settings.config
     assert warnings == [
         "insecure: anyone on the network can read what is said here, and pretend to be a robot"
     ]
 
 
-def test_a_robot_without_password_is_named(tmp_path):
-    path = tmp_path / "users"
-    write_users(path, new_passwords(["1"]))
-    with pytest.raises(Refusal, match="no password for robot 2;"):
-        session(Access(HERE, path))
-
-
-def test_passwords_that_others_can_read_are_refused(users):
-    users.chmod(0o644)
-    with pytest.raises(Refusal, match="others can read"):
-        session(Access(HERE, users))
-
-
-def test_keys_and_endpoint_go_together(tmp_path, users):
-    for access, told in (
-        (Access(HERE, keys=tmp_path), "is not encrypted"),
-        (Access("tls/127.0.0.1:7447"), "the folder with the keys of this device is expected in --keys"),
-        (Access("tls/127.0.0.1:7447", users), "is expected in --keys"),
-        (Access("tls/[::1]:7447", keys=tmp_path), "at an IPv6 address"),
-        (Access("tls/127.0.0.1:7447", keys=tmp_path / "none"), "there is no such folder"),
-        (Access("tls/127.0.0.1:7447", users, tmp_path), "--users or --keys is expected"),
+def test_what_goes_not_together_is_refused(tmp_path, users):
+    one, tls = tmp_path / "one", "tls/127.0.0.1:7447"
+    write_users(one, new_passwords(["1"]))
+    for options, told in (
+        ({"listen": HERE, "users": one}, "no password for robot 2;"),
+        ({"listen": HERE, "keys": tmp_path}, "is not encrypted"),
+        ({"listen": tls, "users": users}, "the folder with the keys of this device is expected in --keys"),
+        ({"listen": tls, "keys": tmp_path / "none"}, "there is no such folder"),
+        ({"listen": tls, "users": users, "keys": tmp_path}, "--users or --keys is expected"),
     ):
         with pytest.raises(Refusal, match=told):
-            session(access)
+            session(Access(**options))

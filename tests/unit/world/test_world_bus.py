@@ -10,8 +10,7 @@ from protocol.codec import decode
 from protocol.messages import Observation, PublicScene
 from protocol.scenario import Sensing
 from protocol.session import client_session, world_session
-from world.bus import Bus
-from world.inbox import Inbox
+from world.bus import Bus, Inbox
 from world.world import World
 
 

@@ -2,17 +2,7 @@ import threading
 
 import pytest
 
-from world.inbox import COMMANDS_A_STEP, Inbox
-
-
-def test_commands_are_taken_once_and_in_their_order():
-    inbox = Inbox(["1", "2"])
-    for robot, payload in (("2", b"a"), ("1", b"b"), ("2", b"c")):
-        inbox.store_command(robot, payload)
-    commands = inbox.take(0.0).commands
-    assert [payload for robot, payload in commands if robot == "2"] == [b"a", b"c"]
-    assert [payload for robot, payload in commands if robot == "1"] == [b"b"]
-    assert inbox.take(0.0).commands == ()
+from world.bus import COMMANDS_A_STEP, Inbox
 
 
 def flooding(inbox, robot, count):
@@ -88,20 +78,14 @@ def test_a_waiting_inbox_wakes_on_news(happen):
     assert arrivals != empty
 
 
-def test_an_interrupted_inbox_never_waits_again():
-    inbox = Inbox(["1"])
-    inbox.interrupt()
-    assert [inbox.take(250.0).interrupted for _ in range(3)] == [True] * 3
-
-
-def test_without_news_the_hands_stay_empty():
-    arrivals = Inbox(["1"]).take(0.01)
-    assert arrivals == ((), frozenset(), frozenset(), frozenset(), (), False)
-
-
-def test_of_each_robots_questions_the_last_one_stays():
+def test_what_has_come_is_taken_once_and_an_interrupted_inbox_never_waits_again():
     inbox = Inbox(["1", "2"])
-    for robot, payload in (("1", b"a"), ("2", b"b"), ("1", b"c")):
+    for robot, payload in (("2", b"a"), ("1", b"b"), ("2", b"c")):
+        inbox.store_command(robot, payload)
         inbox.store_question(robot, payload)
-    assert dict(inbox.take(0.0).questions) == {"1": b"c", "2": b"b"}
-    assert inbox.take(0.0).questions == ()
+    taken = inbox.take(0.0)
+    assert [payload for robot, payload in taken.commands if robot == "2"] == [b"a", b"c"]
+    assert dict(taken.questions) == {"1": b"b", "2": b"c"}
+    inbox.interrupt()
+    nothing = ((), frozenset(), frozenset(), frozenset(), (), True)
+    assert [inbox.take(250.0) for _ in range(3)] == [nothing] * 3

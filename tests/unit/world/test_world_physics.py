@@ -29,20 +29,16 @@ def test_constant_acceleration_on_a_straight_line_follows_the_euler_sums():
 
 @pytest.mark.parametrize(("speed", "turn_rate"), [(2.0, 1.0), (2.0, -1.5), (-1.0, 0.7)])
 def test_constant_speed_and_turn_rate_drive_a_regular_polygon(speed, turn_rate):
-    states = roll(FREE, VehicleState(0.0, 0.0, 0.3, speed), Input(turn_rate, 0.0), 60)
+    states = roll(FREE, VehicleState(0.0, 0.0, 0.3, speed), Input(turn_rate, 0.0), 100)
     # Chords of length |v|·Δt that turn by ω·Δt lie on a circle of this radius (v/ω as Δt → 0); its centre
     # lies to the left of v·ω > 0, at a right angle to the direction halfway between two chords.
     signed = speed * STEP_S / (2.0 * math.sin(turn_rate * STEP_S / 2.0))
     across = 0.3 - turn_rate * STEP_S / 2.0
     centre = (-signed * math.sin(across), signed * math.cos(across))
-    for state in states:
+    for step, state in enumerate(states):
+        assert state.heading_rad == pytest.approx(0.3 + 0.1 * step * turn_rate)  # on through whole turns
         assert math.dist((state.x_m, state.y_m), centre) == pytest.approx(abs(signed), abs=1e-12)
     assert abs(signed) == pytest.approx(abs(speed / turn_rate), rel=2e-3)
-
-
-def test_the_heading_runs_on_through_whole_turns():
-    state = roll(FREE, VehicleState(0.0, 0.0, 3.0, 0.0), Input(1.5, 0.0), 100)[-1]
-    assert state.heading_rad == pytest.approx(3.0 + 15.0)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -64,9 +60,7 @@ def test_the_speed_stays_at_its_limit_and_can_leave_it_at_once(sign):
     ("previous", "wanted", "expected"),
     [
         (Input(0.0, 0.0), Input(1.57, 3.0), Input(0.05, 0.7)),
-        (Input(0.0, 0.0), Input(-1.57, -3.0), Input(-0.05, -0.7)),
         (Input(1.55, 2.9), Input(5.0, 5.0), Input(1.57, 3.0)),
-        (Input(-1.55, -2.9), Input(-5.0, -5.0), Input(-1.57, -3.0)),
         (Input(0.5, 1.0), Input(0.52, 0.4), Input(0.52, 0.4)),
     ],
 )
@@ -76,7 +70,7 @@ def test_inputs_are_held_within_the_published_limits_and_rates(previous, wanted,
     assert clipped == (wanted != expected)
 
 
-@pytest.mark.parametrize(("beyond", "clipped"), [(0.0, False), (5e-6, False), (5e-5, True)])
+@pytest.mark.parametrize(("beyond", "clipped"), [(5e-6, False), (5e-5, True)])
 def test_a_rounding_error_beyond_a_limit_is_applied_as_the_limit_but_is_no_violation(beyond, clipped):
     wanted = Input(0.0, 0.7 + beyond)
     _, applied, was_clipped = drive(Limits(), VehicleState(0, 0, 0, 0), STANDSTILL, wanted, STEP_S)

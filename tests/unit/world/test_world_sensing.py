@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 from world_helpers import at
 
-from protocol.scenario import Sensing, load_scenario
-from scenarios import find
+from protocol.scenario import Sensing
 from world.sensing import Sensors
-from world.world import World
 
 SIGMAS = 4.5
 """A normal variable leaves ±4.5 σ once in 150,000 draws; the seeds are fixed besides."""
@@ -27,17 +25,10 @@ def errors(seen, robot, count=COUNT):
     )
 
 
-def test_perfect_sensing_gives_the_true_numbers():
-    view = sensors(Sensing()).see(STATES).robots
-    assert {robot: state.as_tuple() for robot, state in view.items()} == {
-        robot: tuple(state) for robot, state in STATES.items()
-    }
-
-
 def test_headings_are_measured_within_half_a_turn():
     states = {"1": at(0.0, 0.0, 4.0 * math.tau + 1.0), "2": at(5.0, 0.0, math.pi + 0.5)}
     view = sensors(Sensing()).see(states).robots
-    assert view["1"].heading_rad == pytest.approx(1.0)
+    assert view["1"].as_tuple() == pytest.approx((0.0, 0.0, 1.0, 0.0))
     assert view["2"].heading_rad == pytest.approx(0.5 - math.pi)
     noisy = sensors(Sensing(heading_noise_rad=1.0))
     states = {"1": at(0.0, 0.0, math.pi)}
@@ -46,8 +37,8 @@ def test_headings_are_measured_within_half_a_turn():
 
 @pytest.mark.parametrize("robot", ["1", "2"])
 def test_noise_has_no_bias_and_the_stated_deviation(robot):
-    found = errors(sensors(NOISY), robot)
-    sigma = np.array([0.05, 0.05, 0.1, 0.2])
+    found, sigma = errors(sensors(NOISY), robot), np.array(sensors(NOISY).accuracy.as_tuple())
+    assert sigma.tolist() == [0.05, 0.05, 0.1, 0.2]
     assert np.all(np.abs(found.mean(axis=0)) < SIGMAS * sigma / math.sqrt(COUNT))
     assert np.all(np.abs(found.std(axis=0) - sigma) < SIGMAS * sigma / math.sqrt(2 * COUNT))
 
@@ -66,11 +57,6 @@ def test_errors_of_steps_robots_observers_and_seeds_are_independent():
     assert abs(correlation(here, errors(sensors(NOISY, seed=1), "2") / scale)) < bound
 
 
-def test_the_same_seed_and_observer_see_the_same():
-    one, other = sensors(NOISY, seed=5, index=1), sensors(NOISY, seed=5, index=1)
-    assert [one.see(STATES) for _ in range(20)] == [other.see(STATES) for _ in range(20)]
-
-
 def test_others_are_seen_up_to_the_range_and_the_observer_always():
     assert sensors(Sensing(range_m=5.0)).see(STATES).robots.keys() == {"1", "2"}
     assert sensors(Sensing(range_m=4.999)).see(STATES).robots.keys() == {"1"}
@@ -78,6 +64,7 @@ def test_others_are_seen_up_to_the_range_and_the_observer_always():
 
 
 def test_dropouts_come_as_often_as_stated_and_never_hit_the_observer():
+    assert sensors(Sensing(dropout=1.0)).see(STATES).robots.keys() == {"1"}
     seen = sensors(Sensing(dropout=0.3))
     views = [seen.see(STATES).robots for _ in range(COUNT)]
     assert all("1" in view for view in views)
@@ -86,12 +73,6 @@ def test_dropouts_come_as_often_as_stated_and_never_hit_the_observer():
     assert abs(missing["2"].mean() - 0.3) < bound
     assert abs(missing["3"].mean() - 0.3) < bound
     assert abs(correlation(missing["2"], missing["3"])) < SIGMAS / math.sqrt(COUNT)
-
-
-@pytest.mark.parametrize(("dropout", "visible"), [(0.0, {"1", "2", "3"}), (1.0, {"1"})])
-def test_a_dropout_of_none_or_all_is_certain(dropout, visible):
-    seen = sensors(Sensing(dropout=dropout))
-    assert all(seen.see(STATES).robots.keys() == visible for _ in range(200))
 
 
 def test_what_is_seen_of_one_robot_does_not_depend_on_who_else_is_in_view():
@@ -106,41 +87,14 @@ def test_what_is_seen_of_one_robot_does_not_depend_on_who_else_is_in_view():
         assert {k: v for k, v in one.items() if k != "3"} == other
 
 
-def test_two_robots_see_the_same_step_differently():
-    """In the observations of one world, of themselves and of a third."""
-    scenario = load_scenario(find("3-crossing")).model_copy(update={"sensing": NOISY})
-    one, two, _ = World(scenario, seed=0, epoch=0).observations().values()
-    for robot in scenario.robots:
-        assert one.robots[robot.id] != two.robots[robot.id]
-
-
-def test_sensors_tell_how_accurate_they_are():
-    assert sensors(NOISY).accuracy.as_tuple() == (0.05, 0.05, 0.1, 0.2)
-    assert sensors(Sensing(delay_steps=3)).accuracy.as_tuple() == (0.0, 0.0, 0.0, 0.0)
-
-
 def moving(step):
     return {robot: state._replace(x_m=state.x_m + step) for robot, state in STATES.items()}
-
-
-def test_others_are_seen_where_they_were_and_the_observer_where_it_is():
-    late = sensors(Sensing(delay_steps=2))
-    for step in range(6):
-        view = late.see(moving(step))
-        then = max(step - 2, 0)
-        assert view.age_steps == step - then
-        for robot, state in view.robots.items():
-            assert state.as_tuple() == tuple(moving(step if robot == "1" else then)[robot])
-        assert view.robots.keys() == STATES.keys()
 
 
 def test_a_delayed_view_is_the_view_of_then_with_its_noise_range_and_dropouts():
     sensing = NOISY.model_copy(update={"range_m": 8.0, "dropout": 0.3})
     prompt, late = sensors(sensing), sensors(sensing.model_copy(update={"delay_steps": 3}))
     views = [(prompt.see(moving(step)).robots, late.see(moving(step)).robots) for step in range(30)]
-    for (before, _), (now, delayed) in pairwise_with_gap(views, 3):
-        assert {**before, "1": now["1"]} == delayed
-
-
-def pairwise_with_gap(items, gap):
-    return zip(items[:-gap], items[gap:], strict=True)
+    for step, (now, delayed) in enumerate(views):
+        assert {**views[max(step - 3, 0)][0], "1": now["1"]} == delayed
+    assert late.see(STATES).age_steps == 3

@@ -4,9 +4,9 @@ import structlog
 from world_helpers import EPOCH, command, lanes, sprint
 
 from protocol.codec import encode
+from world.bus import Inbox
 from world.clock import LockStep, RealTime
 from world.health import WorldHealth
-from world.inbox import Inbox
 from world.run import Run
 from world.world import World
 

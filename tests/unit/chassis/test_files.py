@@ -1,6 +1,5 @@
 """Every way a file written by hand can be wrong is refused with lines and fields; scenarios stand for all."""
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
@@ -10,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field
 
-from chassis.files import Record
+from chassis.files import Record, mistake_at, read_as
 from chassis.refusal import ExitStatus, Refusal
-from chassis.yaml_file import MAX_FILE_BYTES, mistake_at, read_as
 from protocol.scenario import Scenario, load_scenario
 
 GOOD = """\
@@ -60,74 +58,39 @@ def refusal(load: Load, content: str | bytes) -> list[str]:
     return str(raised.value).splitlines()
 
 
-def test_a_good_file_says_what_is_written_in_it(load: Load) -> None:
-    scenario = load(GOOD)
-    first, second = scenario.robots
-    assert (scenario.name, scenario.area.x_min_m, scenario.horizons.prediction_steps) == ("crossing", -6, 20)
-    assert (first.id, first.start.x_m, first.goal.x_m, first.goal.heading_rad) == ("1", -4, 4, None)
-    assert (second.id, second.limits.speed_mps, second.goal.heading_rad) == ("b", 2, 1.57)
-    assert second.sensing is not None
-    assert second.sensing.range_m == 5
-
-
 # A change to the good file; the beginning of the one line that follows, and more that it says.
 MISTAKES = [
     # misspelt and unknown keys, at every level
     ("area: {", "aera: {", "2: aera: ", "no such field; did you mean 'area'?"),
-    ("area: {", "AREA: {", "2: AREA: ", "did you mean 'area'?"),
     ("prediction_steps", "predicton_steps", "4: horizons.predicton_steps: ", "'prediction_steps'?"),
-    ("    goal:\n", "    gaol:\n", "8: robots[0].gaol: ", "did you mean 'goal'?"),
     ("speed_mps", "speed", "15: robots[1].limits.speed: ", "did you mean 'speed_mps'?"),
     ("range_m: 5", "colour: 5", "16: robots[1].sensing.colour: ", "the fields here are range_m, position_"),
-    ("    limits:", "    1:", "14: robots[1].1: ", "the fields here are "),
     # missing fields: the line of the map that lacks them
     ("name: crossing\n", "", "1: name: ", "this field is missing"),
-    ("      y_m: 0\n", "", "9: robots[0].goal.y_m: ", "this field is missing"),
     ("  - id: b\n    start", "  - start", "11: robots[1].id: ", "this field is missing"),
     # wrong types, and what YAML takes for another one than a person does
     (X, "      x_m: four\n", GOAL_X, "number, found 'four'"),
-    (X, "      x_m: '4'\n", GOAL_X, "found '4'; to make it a number write it without quotes"),
-    (
-        X,
-        "      x_m: 4e0\n",
-        GOAL_X,
-        "found '4e0'; to make it a number write it without quotes, and powers",
-    ),
+    (X, "      x_m: 4e0\n", GOAL_X, "found '4e0'; to make it a number write it without quotes, and powers"),
     (X, "      x_m: yes\n", GOAL_X, "number, found yes"),
     (X, "      x_m:\n", GOAL_X, "found nothing"),
-    (X, "      x_m: [4]\n", GOAL_X, "found a list of 1"),
-    (X, "      x_m: {}\n", GOAL_X, "found a map"),
     (X, f"      x_m: 1{'0' * 400}\n", GOAL_X, "found 1000000000"),
     ("steps: 20", "steps: 2.5", "4: horizons.prediction_steps: ", "integer, found 2.5"),
-    ("steps: 20", "steps: true", "4: horizons.prediction_steps: ", "integer, found true"),
     ("name: crossing", "name: 12", "1: name: ", "found 12; put it in quotes"),
-    ("name: crossing", "name: 2026-01-31", "1: name: ", "found 2026-01-31; put it in quotes"),
-    ("name: crossing", "name:", "1: name: ", "found nothing"),
     ("name: crossing", "name: &a [*a]", "1: name: ", "found a list of 1"),
     ("id: 1", "id: 1.5", "6: robots[0].id: ", "found 1.5; put it in quotes"),
-    ("id: 1", "id: true", "6: robots[0].id: ", "found true; put it in quotes"),
     ("start: {x_m: -4, y_m: 0}", "start: -4", "7: robots[0].start: ", "a map with x_m, y_m … is expected"),
     ("{x_min_m: -6}", "small", "2: area: ", "a map with x_min_m, x_max_m, y_min_m, y_max_m is expected"),
     # values out of range, and checks of the whole
     (X, "      x_m: .nan\n", GOAL_X, "finite number, found .nan"),
-    (X, "      x_m: -.inf\n", GOAL_X, "finite number, found -.inf"),
     (X, "      x_m: 1.0e+7\n", GOAL_X, "found 1.0e+7"),
-    ("speed_mps: 2", "speed_mps: 0", "15: robots[1].limits.speed_mps: ", "greater than 0, found 0"),
     ("name: crossing", f"name: {'x' * 65}", "1: name: ", "at most 64 characters, found 'xxx"),
     ("id: b", "id: b/c", "11: robots[1].id: ", "'b/c' found, 1 to 32 letters, digits, '-' or '_'"),
-    ("id: b", "id: 1", "11: robots[1].id: ", "used twice"),
     ("x_min_m: -6", "x_min_m: 10", "2: area: ", "the area is empty"),
-    ("y_m: -4}", "y_m: -14}", "12: robots[1].start: ", "(1, -14) lies outside the area"),
     # ambiguous or foreign YAML
     ("name: crossing", "name: a\nname: crossing", "2: 'name' is given twice, first in line 1", "keep one"),
-    ("y_m: -4}", "y_m: -4, x_m: 2}", "12: 'x_m' is given twice, first in line 12", "keep one"),
     (X, "      x_m: !!python/object:os.system {}\n", "9: the tag !!python/object:os.system is not", "plain"),
-    (X, "      x_m: !!python/name:os.system ''\n", "9: the tag !!python/name:os.system is not", "plain"),
     (X, "      x_m: !metres 4\n", "9: the tag !metres is not allowed", "plain"),
-    (X, "      x_m: !!set {4}\n", "9: the tag !!set is not allowed", "plain"),
-    (X, "      x_m: !!binary NA==\n", "9: the tag !!binary is not allowed", "plain"),
     (X, "      x_m: !!bool maybe\n", "9: 'maybe' cannot be read as !!bool", ""),
-    (X, "      x_m: !!int [4]\n", "9: ", ""),
     (X, "      x_m: 2026-13-45\n", "9: '2026-13-45' cannot be read as !!timestamp", ""),
     (X, f"      x_m: {'9' * 5000}\n", "9: '9999", "…' cannot be read as !!int"),
     (X, "      ? [x_m]\n      : 4\n", "9: a key must be text, found a map or a list", ""),
@@ -170,11 +133,9 @@ class Drawing(Record):
         ("", "d.yaml: ", "the file is empty; a drawing needs a map with shapes"),
         ("- 1\n", "d.yaml:1: ", "a map with shapes is expected, found a list of 1"),
         ("shapes: []\n", "d.yaml:1: shapes: ", "at least 1 item"),
-        ("shapes: {kind: circle}\n", "d.yaml:1: shapes: ", "list, found a map"),
         ("shapes:\n- circle\n", "d.yaml:2: shapes[0]: ", "a map with kind … is expected, found 'circle'"),
         ("shapes:\n- {side_m: 1}\n", "d.yaml:2: shapes[0].kind: ", "missing; the kinds are circle, square"),
         ("shapes:\n- {side_m: 1,\n   kind: squar}\n", "d.yaml:3: shapes[0].kind: ", "did you mean 'square'?"),
-        ("shapes:\n- kind: 7\n", "d.yaml:2: shapes[0].kind: ", "the kinds are circle, square"),
         ("shapes:\n- kind: circle\n", "d.yaml:2: shapes[0].radius_m: ", "this field is missing"),
         ("shapes:\n- {kind: square,\n   side_m: 2}\n", "d.yaml:3: shapes[0].side_m: ", "found 2"),
         ("shapes:\n- {kind: square, sid_m: 1}\n", "d.yaml:2: shapes[0].sid_m: ", "did you mean 'side_m'?"),
@@ -201,50 +162,35 @@ def test_what_is_one_of_several_kinds_is_judged_as_its_kind(
 @pytest.mark.parametrize(
     ("content", "begin"),
     [
-        (
-            b"# only a comment\n",
-            "crossing.yaml: the file is empty; a scenario needs a map with name, robots …",
-        ),
-        (b"null\n", "crossing.yaml:1: a map with name, robots … is expected, found nothing"),
+        (b"# a comment\n", "crossing.yaml: the file is empty; a scenario needs a map with name, robots …"),
         (b"\n- 1\n- 2\n", "crossing.yaml:2: a map with name, robots … is expected, found a list of 2"),
-        (
-            b"name: a\nrobots: [" + b"1, " * 129 + b"]\n",
-            "crossing.yaml:2: robots: list should have at most",
-        ),
         (GOOD.encode() + b"---\nname: other\n", "crossing.yaml:17: one YAML document is expected: "),
         (b"name: a\n# caf\xe9\n", "crossing.yaml:2: UTF-8 text is expected, found the byte 0xe9"),
         ("name: a\n".encode("utf-16"), "crossing.yaml:1: UTF-8 text is expected, found the byte 0xff"),
-        (b"#" * (MAX_FILE_BYTES + 1), "crossing.yaml: the file is larger than 1048576 bytes"),
-        (b"[" * 100_000, "crossing.yaml: nested too deep; a scenario has five levels at most"),
-        (b"- " * 100_000, "crossing.yaml: nested too deep; a scenario has five levels at most"),
+        (b"[" * 2_000, "crossing.yaml: nested too deep; a scenario has five levels at most"),
     ],
-    ids=range(10),
+    ids=range(6),
 )
 def test_a_file_that_holds_no_scenario_is_refused(load: Load, content: bytes, begin: str) -> None:
     (line,) = refusal(load, content)
     assert line.startswith(begin)
 
 
-def test_the_largest_allowed_file_is_read(load: Load) -> None:
-    assert load(GOOD.ljust(MAX_FILE_BYTES, "\n")).name == "crossing"
+def test_the_size_of_a_file_is_bounded(load: Load, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("chassis.files.MAX_FILE_BYTES", 1000)
+    assert load(GOOD.ljust(1000, "\n")).name == "crossing"
+    assert refusal(load, GOOD.ljust(1001, "\n"))[0].startswith("crossing.yaml: the file is larger than 1000")
 
 
 def test_a_file_that_cannot_be_read_is_refused_with_the_reason(tmp_path: Path) -> None:
-    with pytest.raises(Refusal, match="cannot be read: No such file"):
-        load_scenario(tmp_path / "missing.yaml")
-    with pytest.raises(Refusal, match="cannot be read: Is a directory"):
-        load_scenario(tmp_path)
-    if os.geteuid() != 0:  # every file is readable by root
-        (tmp_path / "secret.yaml").touch(mode=0)
-        with pytest.raises(Refusal, match="cannot be read: Permission denied"):
-            load_scenario(tmp_path / "secret.yaml")
+    for path, reason in ((tmp_path / "missing.yaml", "No such file"), (tmp_path, "Is a directory")):
+        with pytest.raises(Refusal, match=f"cannot be read: {reason}"):
+            load_scenario(path)
 
 
 def test_all_mistakes_are_told_at_once_in_the_order_of_the_file(load: Load) -> None:
     wrong = GOOD.replace("y_m: 0\n", "y_m: zero\n").replace("speed_mps: 2", "speed_mps: -2")
-    wrong = (
-        wrong.replace("    start: {x_m: 1, y_m: -4}\n", "    strat: {x_m: 1, y_m: -4}\n") + "step_s: short\n"
-    )
+    wrong = wrong.replace("    start: {x_m: 1,", "    strat: {x_m: 1,") + "step_s: short\n"
     assert [line.split(": ")[:2] for line in refusal(load, wrong)] == [
         ["crossing.yaml:10", "robots[0].goal.y_m"],
         ["crossing.yaml:12", "robots[1].strat"],  # and nothing of a start that is missing
@@ -253,7 +199,7 @@ def test_all_mistakes_are_told_at_once_in_the_order_of_the_file(load: Load) -> N
     ]
 
 
-@pytest.mark.parametrize(("mistakes", "rest"), [(5, []), (6, ["and 1 more"]), (8, ["and 3 more"])])
+@pytest.mark.parametrize(("mistakes", "rest"), [(5, []), (8, ["and 3 more"])])
 def test_at_most_five_mistakes_are_told_and_the_rest_counted(
     load: Load, mistakes: int, rest: list[str]
 ) -> None:

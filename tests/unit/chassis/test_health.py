@@ -11,11 +11,18 @@ import pytest
 from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.parser import text_string_to_metric_families
 
+import chassis.health
 from chassis import healthy
-from chassis.health import LONGEST_SILENCE_S, VitalSigns
+from chassis.health import (
+    LONGEST_SILENCE_S,
+    MOST_A_SECOND,
+    MOST_AT_A_TIME,
+    PATIENCE_S,
+    VitalSigns,
+    watch_port,
+)
 from chassis.healthy import HOST, LIVE, METRICS, READY, VARIABLE, ask
 from chassis.refusal import ExitStatus, Refusal
-from chassis.watching import MOST_A_SECOND, MOST_AT_A_TIME, PATIENCE_S, watch_port
 
 
 class Clock:
@@ -83,11 +90,11 @@ def test_a_process_is_ready_when_it_is_live_and_works(service, port):
     assert ask(str(port), READY) == (False, "not ready: it ends")
 
 
-@pytest.mark.parametrize("accept", ["", "text/plain", "application/openmetrics-text; version=1.0.0"])
+@pytest.mark.parametrize("accept", ["text/plain", "application/openmetrics-text; version=1.0.0"])
 def test_metrics_come_in_the_format_that_is_asked_for(port, accept):
     status, content_type, text = get(port, METRICS, Accept=accept)
     assert status == 200
-    assert content_type.startswith(accept.partition(";")[0] or "text/plain")
+    assert content_type.startswith(accept.partition(";")[0])
     if "openmetrics" not in accept:
         [family] = text_string_to_metric_families(text)
         assert [(sample.name, sample.value) for sample in family.samples] == [("unspoken_test", 4.5)]
@@ -105,10 +112,14 @@ def test_only_this_machine_is_answered(port):
     assert [address for address in bound if address.endswith(f":{port:04X}")] == [f"0100007F:{port:04X}"]
 
 
-def test_a_port_in_use_is_a_clear_error(service, port):
-    with pytest.raises(Refusal, match=f"watch port {port} on 127.0.0.1 cannot be used: Address al") as taken:
-        watch_port(service, port).__enter__()
-    assert taken.value.status is ExitStatus.FAILED
+def test_a_port_is_taken_as_long_as_it_is_answered(service):
+    with watch_port(service, 0) as port:
+        with pytest.raises(Refusal, match=f"watch port {port} on .* cannot be used: Address al") as taken:
+            watch_port(service, port).__enter__()
+        assert taken.value.status is ExitStatus.FAILED
+    answers, why = ask(str(port), LIVE)
+    assert not answers
+    assert "nobody answers at http" in why
 
 
 def test_clients_that_say_nothing_lose_their_places_to_others(port):
@@ -127,15 +138,16 @@ def test_clients_that_say_nothing_lose_their_places_to_others(port):
             assert silent[0].recv(100) == b""
 
 
-def test_a_client_that_stays_silent_is_given_up(port):
+def test_a_client_that_stays_silent_is_given_up(port, monkeypatch):
+    monkeypatch.setattr(chassis.health._Answers, "timeout", 0.1)
     with socket.create_connection((HOST, port)) as client:
-        client.settimeout(10 * PATIENCE_S)
+        client.settimeout(30.0)
         assert client.recv(100) == b""
 
 
 @pytest.mark.parametrize(
     "said",
-    [b"\0" * 70_000, b"GET " + 70_000 * b"a", b"GET /live HTTP/9.9\r\n\r\n", b"\r\n", b"x: y\r\n" * 9000],
+    [b"\0" * 70_000, b"GET " + 70_000 * b"a", b"GET /live HTTP/9.9\r\n\r\n", b"x: y\r\n" * 9000],
 )
 def test_nonsense_does_no_harm(service, port, capfd, said):
     service.beat()
@@ -149,18 +161,10 @@ def test_nonsense_does_no_harm(service, port, capfd, said):
 
 
 def test_clients_without_end_are_served_at_a_bounded_rate(port):
-    begin_s, count = time.monotonic(), 20
+    begin_s, count = time.monotonic(), 8
     for _ in range(count):
         assert get(port, METRICS)[0] == 200
     assert time.monotonic() - begin_s > 0.9 * (count - 1) / MOST_A_SECOND
-
-
-def test_nobody_answers_after_the_end(service):
-    with watch_port(service, 0) as port:
-        pass
-    answers, why = ask(str(port), LIVE)
-    assert not answers
-    assert "nobody answers at http" in why
 
 
 def test_a_health_check_asks_at_the_port_of_the_environment(service, port, monkeypatch, capsys):
