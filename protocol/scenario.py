@@ -1,7 +1,7 @@
 """Scenario files: YAML in, a valid scenario or one exception for people out; and the way back."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -110,29 +110,27 @@ class Scenario(Rules):
         return robot.sensing if robot.sensing is not None else self.sensing
 
     @model_validator(mode="after")
-    def _robots_differ(self) -> Self:
+    def _robots_fit(self) -> Self:
+        for where, what in self._mistakes():
+            raise mistake_at(f"robots.{where}", what)
+        return self
+
+    def _mistakes(self) -> Iterator[tuple[str, str]]:
+        """The place of each mistake among the robots, and what it is."""
         seen: set[str] = set()
         for index, robot in enumerate(self.robots):
             if robot.id in seen:
-                raise mistake_at(f"robots.{index}.id", f"the id {robot.id!r} is used twice; ids must differ")
+                yield f"{index}.id", f"the id {robot.id!r} is used twice; ids must differ"
             seen.add(robot.id)
-        return self
-
-    @model_validator(mode="after")
-    def _poses_lie_inside_the_area(self) -> Self:
+        area = self.area
         for index, robot in enumerate(self.robots):
             for field, pose in (("start", robot.start), ("goal", robot.goal)):
-                if not self.area.contains(pose.x_m, pose.y_m):
-                    raise mistake_at(
-                        f"robots.{index}.{field}",
+                if not area.contains(pose.x_m, pose.y_m):
+                    yield (
+                        f"{index}.{field}",
                         f"({pose.x_m:g}, {pose.y_m:g}) lies outside the area "
-                        f"x {self.area.x_min_m:g}…{self.area.x_max_m:g}, "
-                        f"y {self.area.y_min_m:g}…{self.area.y_max_m:g} m",
+                        f"x {area.x_min_m:g}…{area.x_max_m:g}, y {area.y_min_m:g}…{area.y_max_m:g} m",
                     )
-        return self
-
-    @model_validator(mode="after")
-    def _robots_have_room(self) -> Self:
         for (_, one), (index, other) in combinations(enumerate(self.robots), 2):
             touching = one.radius_m + other.radius_m
             safe = touching + 2.0 * self.safety_margin_m
@@ -142,12 +140,11 @@ class Scenario(Rules):
             ):
                 distance = math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
                 if distance < least:
-                    raise mistake_at(
-                        f"robots.{index}.{field}",
+                    yield (
+                        f"{index}.{field}",
                         f"the {field}s of robots {one.id!r} and {other.id!r} are {distance:.3g} m apart, "
                         f"at least {least:.4g} m are needed: {why}",
                     )
-        return self
 
 
 def load_scenario(path: Path, text: str | None = None) -> Scenario:

@@ -32,7 +32,7 @@ class WorldOptions(HostOptions):
     clock: ClockKind = Field(
         ClockKind.LOCKSTEP, description="Wait for every robot at every step, or publish one step every Δt."
     )
-    seed: int = Field(0, ge=0, description="Of sensor noise and dropouts.")
+    seed: int = Field(0, ge=0, description="Seed of the sensor noise and the dropouts.")
     exchange_goals: Annotated[bool, typer.Option("--exchange-goals")] = Field(
         False, description="Tell every robot all goals."
     )

@@ -32,7 +32,7 @@ class Access(Record):
         Path | None, typer.Option(show_default="none, and whoever connects may read and say anything")
     ] = Field(
         None,
-        description="File of lines name:password, for every robot and @bench, which only you can read. "
+        description="File with a line name:password for every robot and @bench, which only you can read. "
         "With it, each may do what the policy grants it and nothing else.",
     )
     keys: Annotated[Path | None, typer.Option(show_default="none")] = Field(

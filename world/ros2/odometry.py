@@ -92,10 +92,6 @@ class Ros2Bridge(Rules):
         for (_, one), (index, other) in combinations(enumerate(self.robots), 2):
             if one.id == other.id:
                 raise mistake_at(f"robots.{index}.id", f"the id {one.id!r} is used twice; ids must differ")
-        return self
-
-    @model_validator(mode="after")
-    def _topics_differ(self) -> Self:
         used: dict[str, str] = {}
         for index, robot in enumerate(self.robots):
             for field, topic in (("odometry", robot.odometry), ("command", robot.command)):

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import Field
 
@@ -242,6 +242,7 @@ SIGNS = ["-", "{", "}", "[", "]", "&a", "*a", "?", "'", "#", "\n  ", ": ", "!!in
 TOKENS = st.sampled_from([*GOOD.split(), *SIGNS])
 
 
+@settings(max_examples=50)
 @given(st.one_of(st.text(), st.lists(TOKENS, max_size=40).map("".join), st.binary()))
 def test_whatever_a_file_holds_there_is_no_other_exception(
     tmp_path_factory: pytest.TempPathFactory, content: str | bytes

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import msgpack
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 
@@ -104,6 +104,7 @@ def decodes_or_is_refused(kind: type[Message], payload: bytes) -> bool:
         return str(error).startswith(f"{kind.__name__}: ") and len(str(error)) < 400
 
 
+@settings(max_examples=50)
 @given(MESSAGES)
 def test_every_kind_of_message_comes_back_as_it_was_sent(message: Message) -> None:
     assert decode(type(message), encode(message)) == message
@@ -125,6 +126,7 @@ PLAIN = st.recursive(
 )
 
 
+@settings(max_examples=50)
 @given(st.sampled_from(KINDS), st.binary(max_size=200), PLAIN)
 def test_random_bytes_and_random_msgpack_are_refused(
     kind: type[Message], payload: bytes, content: Any
@@ -134,6 +136,7 @@ def test_random_bytes_and_random_msgpack_are_refused(
         assert decodes_or_is_refused(kind, each)
 
 
+@settings(max_examples=50)
 @given(MESSAGES, st.data())
 def test_a_message_with_changed_bytes_is_a_message_or_refused(message: Message, data: st.DataObject) -> None:
     payload = bytearray(encode(message))
@@ -142,6 +145,7 @@ def test_a_message_with_changed_bytes_is_a_message_or_refused(message: Message, 
     assert decodes_or_is_refused(type(message), bytes(payload))
 
 
+@settings(max_examples=50)
 @given(MESSAGES, st.data())
 def test_a_message_cut_short_or_with_bytes_behind_it_is_refused(
     message: Message, data: st.DataObject

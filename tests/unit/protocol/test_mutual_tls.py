@@ -95,32 +95,21 @@ def is_let_in(endpoint: str, folder: Path, **changed: object) -> bool:
         return bool(robot.info.routers_zid())
 
 
-@pytest.mark.parametrize("name", ["Robot_2-b", BENCH_NAME])
-def test_clients_with_keys_of_the_worlds_authority_are_let_in_by_address_and_by_name(
-    world_keys: Path, tmp_path: Path, authority: Authority, name: str
+def test_clients_with_keys_of_the_worlds_authority_are_let_in_and_others_are_refused(
+    world_keys: Path, good: Path, tmp_path: Path, authority: Authority
 ) -> None:
-    folder = keys_of(name, tmp_path, authority, NOW)
-    with world_with(world_keys) as (_, endpoint):
-        assert is_let_in(endpoint, folder)
-        assert is_let_in(endpoint.replace("127.0.0.1", "localhost"), folder)
-
-
-def test_a_robot_of_another_authority_is_refused(world_keys: Path, good: Path, tmp_path: Path) -> None:
-    """It trusts the world's authority, so that the refusal is the world's."""
+    """The stranger trusts the world's authority, so that the refusal is the world's."""
     stranger = keys_of("8", tmp_path, new_authority(NOW), NOW)
     (stranger / "authority.pem").write_bytes((good / "authority.pem").read_bytes())
-    with world_with(world_keys) as (_, endpoint):
-        assert not is_let_in(endpoint, stranger)
-        assert is_let_in(endpoint, good)
-    with world_with(world_keys, mtls=False) as (_, endpoint):
-        assert is_let_in(endpoint, stranger)
-
-
-def test_a_robot_without_keys_is_refused_because_mutual_tls_is_on(world_keys: Path, good: Path) -> None:
+    bench = keys_of(BENCH_NAME, tmp_path, authority, NOW)
     none = {"connect_certificate": None, "connect_private_key": None, "enable_mtls": None}
     with world_with(world_keys) as (_, endpoint):
+        assert is_let_in(endpoint, good)
+        assert is_let_in(endpoint.replace("127.0.0.1", "localhost"), bench)
+        assert not is_let_in(endpoint, stranger)
         assert not is_let_in(endpoint, good, **none)
-    with world_with(world_keys, mtls=False) as (_, endpoint):
+    with world_with(world_keys, mtls=False) as (_, endpoint):  # it is the mutual TLS that refuses them
+        assert is_let_in(endpoint, stranger)
         assert is_let_in(endpoint, good, **none)
 
 
@@ -136,17 +125,13 @@ def test_who_has_expired_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_robot_refuses_whoever_is_not_its_world(good: Path, tmp_path: Path, authority: Authority) -> None:
-    """One of another authority, which trusts the robot's; and one whose certificate is for a client."""
-    imposter = keys_of(WORLD_NAME, tmp_path, new_authority(NOW), NOW)
+    """Of another authority, which trusts the robot's; for a client; or at a host that it does not name."""
+    (elsewhere := tmp_path / "elsewhere").mkdir()
+    imposter = keys_of(WORLD_NAME, elsewhere, new_authority(NOW), NOW)
     (imposter / "authority.pem").write_bytes(authority.certificate_pem)
     for folder in (imposter, keys_of("8", tmp_path, authority, NOW, "127.0.0.1")):
         with world_with(folder) as (_, endpoint):
             assert not is_let_in(endpoint, good)
-
-
-def test_a_world_at_a_host_that_its_certificate_does_not_name_is_refused(
-    good: Path, tmp_path: Path, authority: Authority
-) -> None:
     with world_with(keys_of(WORLD_NAME, tmp_path, authority, NOW, "localhost")) as (_, endpoint):
         assert not is_let_in(endpoint, good)
         assert is_let_in(endpoint.replace("127.0.0.1", "localhost"), good)

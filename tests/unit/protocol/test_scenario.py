@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -180,6 +180,7 @@ def scenarios(draw: st.DrawFn) -> Scenario:
     )
 
 
+@settings(max_examples=50)
 @given(scenarios())
 def test_what_is_written_is_read_back_equal(scenario: Scenario) -> None:
     read = load_scenario(Path("written.yaml"), scenario_text(scenario))

@@ -4,7 +4,7 @@ import struct
 from contextlib import suppress
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from ros2_helpers import ODOMETRY, STORE, TWIST, odometry_bytes
 
@@ -16,6 +16,7 @@ covariances = st.lists(numbers, min_size=36, max_size=36)
 names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=40)
 
 
+@settings(max_examples=50)
 @given(
     position=triples,
     orientation=quadruples,

@@ -6,12 +6,8 @@ from ros2_helpers import odometry_bytes, settings
 from structlog.testing import capture_logs
 from world_helpers import EPOCH, NIMBLE, command
 
-from protocol.codec import encode
-from world.bus import Inbox
-from world.clock import RealTime
 from world.ros2.cdr import STOP
 from world.ros2.live import MOST_WAITING, LiveWorld, OdometryInbox
-from world.run import Run
 
 QUICK = {"limits": NIMBLE.model_dump()}
 
@@ -119,40 +115,3 @@ def test_a_flood_of_odometry_is_bounded_and_its_newest_counts():
     track.world.begin()
     assert track.world.observations()["2"].robots["1"].x_m == 10 * MOST_WAITING - 1
     assert track.world.refused_odometry == {}
-
-
-class Script:
-    """Where a run publishes: robots answer each observation, until the run is interrupted at a step."""
-
-    def __init__(self, inbox, track, last_step):
-        self.inbox, self.track, self.last_step = inbox, track, last_step
-        self.truths = []
-
-    def publish_observations(self, observations):
-        for robot, seen in observations.items():
-            self.inbox.store_command(robot, encode(command(robot, seen.step, 1.0)))
-
-    def publish_truth(self, truth):
-        self.truths.append(truth)
-        self.track.now_s += 0.1
-        self.track.sends("1", speed_mps=0.1 * truth.step)
-        if truth.step == self.last_step:
-            self.inbox.interrupt()
-
-
-def test_a_run_steps_it_as_it_steps_a_simulated_world():
-    track = Track(1)
-    inbox = Inbox(track.world.robots)
-    script = Script(inbox, track, last_step=5)
-    clock = RealTime(0.1, track.now)
-    run = Run(track.world, clock, inbox, script, structlog.get_logger())
-    inbox.store_presence("1", present=True)
-    run.wait_for_robots(0.0)
-    track.sends("1")
-    track.world.begin()
-    verdict = run.drive().verdict
-    assert verdict == "interrupted"
-    assert [truth.step for truth in script.truths] == [1, 2, 3, 4, 5, 5]
-    assert script.truths[-1].robots["1"].deadline_misses == 0
-    speeds = [round(twist.speed_mps, 6) for _, twist in track.told()]
-    assert speeds[1::2][:4] == [0.1, 0.2, 0.3, 0.4]  # with each command; before it, what brakes

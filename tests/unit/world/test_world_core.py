@@ -1,7 +1,7 @@
 import random
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from world_helpers import EPOCH, SPRINT_STEPS, at, command, lanes, sprint
 
@@ -91,6 +91,7 @@ WRONG = ({"step": 1}, {"step": -1}, {"epoch": 1}, {"robot": "2"}, {"withheld": T
 ANSWERS = st.none() | st.tuples(st.sampled_from(WRONG), PAIRS, st.none() | PAIRS)
 
 
+@settings(max_examples=50)
 @given(st.lists(ANSWERS, max_size=25))
 def test_every_step_is_driven_by_its_command_or_the_plan_of_the_one_before_or_braking(answers):
     """Judged by a record of all that was accepted, in which the rule is looked up step by step.
