@@ -90,8 +90,11 @@ def log_to_journal() -> None:
 
 def _is_journal(descriptor: int) -> bool:
     """Whether a stream of this process goes to the journal, as ``JOURNAL_STREAM`` says of it."""
+    told = os.environ.get("JOURNAL_STREAM")
+    if told is None:
+        return False
     stream = os.fstat(descriptor)
-    return os.environ.get("JOURNAL_STREAM") == f"{stream.st_dev}:{stream.st_ino}"
+    return told == f"{stream.st_dev}:{stream.st_ino}"
 
 
 def _with_priority(_logger: WrappedLogger, name: str, line: EventDict | str) -> str:

@@ -45,9 +45,7 @@ class Inbox:
     """
 
     def __init__(self, robots: Iterable[str]) -> None:
-        lock = threading.Lock()
-        self._changed = threading.Condition(lock)
-        self._listening_again = threading.Condition(lock)
+        self._changed = threading.Condition()
         self._news = False
         self._commands: list[tuple[str, bytes]] = []
         self._given = dict.fromkeys(robots, 0)
@@ -59,8 +57,8 @@ class Inbox:
 
     def store_command(self, robot: str, payload: bytes) -> None:
         """A payload came on the command key of one of the robots; waits while it has given too many."""
-        with self._listening_again:
-            self._listening_again.wait_for(lambda: self._closed or self._given[robot] < COMMANDS_A_STEP)
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or self._given[robot] < COMMANDS_A_STEP)
             if not self._closed:
                 self._given[robot] += 1
                 self._commands.append((robot, payload))
@@ -90,15 +88,15 @@ class Inbox:
 
     def begin_step(self) -> None:
         """Listen to every robot again."""
-        with self._listening_again:
+        with self._changed:
             self._given = dict.fromkeys(self._given, 0)
-            self._listening_again.notify_all()
+            self._changed.notify_all()
 
     def close(self) -> None:
         """No more commands are wanted; whoever waits to give one is released."""
-        with self._listening_again:
+        with self._changed:
             self._closed = True
-            self._listening_again.notify_all()
+            self._changed.notify_all()
 
     def take(self, timeout_s: float) -> Arrivals:
         """Wait for news and take them.
@@ -125,7 +123,7 @@ class Inbox:
 
     def _wake(self) -> None:
         self._news = True
-        self._changed.notify()
+        self._changed.notify_all()
 
 
 def open_session(listen: str, settings: SessionSettings) -> zenoh.Session:
