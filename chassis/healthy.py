@@ -12,7 +12,7 @@ HOST = "127.0.0.1"
 """Watching is for this machine: nothing there asks who somebody is."""
 LIVE, READY, METRICS = "/live", "/ready", "/metrics"
 VARIABLE = "UNSPOKEN_WATCH_PORT"
-HELP = f"Port on {HOST} at which to tell over HTTP how this process is: {LIVE}, {READY}, {METRICS}."
+HELP = f"Port on {HOST} at which this process reports over HTTP how it is: {LIVE}, {READY}, {METRICS}."
 PATIENCE_S = 3.0
 
 

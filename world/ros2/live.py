@@ -81,7 +81,6 @@ class LiveWorld(OdometryWorld):
         super().__init__(settings, epoch=epoch)
         self._inbox, self._drive, self._log, self._now_s = inbox, drive, log, now_s
         self._refusals = RefusalNotices[Reason](log, "odometry refused")
-        self._located: set[str] = set()
 
     @property
     def refused_odometry(self) -> dict[str, dict[Reason, int]]:
@@ -91,7 +90,7 @@ class LiveWorld(OdometryWorld):
     def begin(self) -> None:
         """The first step is now."""
         self._look_around()
-        if lost := [robot for robot in self.robots if robot not in self._located]:
+        if lost := [robot for robot in self.robots if robot not in self.present]:
             self._log.warning("no odometry yet: not driven and not seen", robots=", ".join(lost))
 
     def heed(self, robot: str, command: Command) -> None:
@@ -116,12 +115,11 @@ class LiveWorld(OdometryWorld):
                 self._refusals.add(robot, "not an Odometry message", str(error))
             except OdometryError as error:
                 self._refusals.add(robot, error.reason, str(error))
+        before = self.present
         self.look(self._now_s())
-        located = set(self.present)
         for robot in self.robots:
-            if robot in self._located - located:
+            if robot in before and robot not in self.present:
                 self._log.warning("odometry lost: the robot is stopped", robot=robot, step=self.step)
-            elif robot in located - self._located:
+            elif robot in self.present and robot not in before:
                 self._log.info("odometry found", robot=robot, step=self.step)
             self._drive(robot, self.twist(robot))
-        self._located = located
