@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -188,8 +188,8 @@ def _made_plain_map(node: yaml.MappingNode, done: set[yaml.Node]) -> Iterator[Pr
 def _located(root: yaml.Node | None, model: type[BaseModel], errors: list[ErrorDetails]) -> Iterator[Problem]:
     """Each error at its place in the file."""
     assert root is not None
-    nearest = {error["loc"]: _nearest_field(model, error["loc"]) for error in errors if _is_unknown(error)}
-    meant = {(*location[:-1], near) for location, near in nearest.items()}
+    unknown = [error["loc"] for error in errors if _is_unknown(error)]
+    meant = {(*loc[:-1], _nearest(str(loc[-1]), _fields_beside(model, loc))) for loc in unknown}
     for error in errors:
         kind, location, context = error["type"], error["loc"], error.get("ctx", {})
         if kind == "missing" and location in meant:
@@ -204,12 +204,12 @@ def _located(root: yaml.Node | None, model: type[BaseModel], errors: list[ErrorD
                 place, line, node = (*place, part), _line(found[0]), found[1]
         if kind in _INCOMPLETE and place[-1:] != location[-1:]:
             place = (*place, location[-1])
-        what = _what(model, error, node, nearest.get(error["loc"]))
+        what = _what(model, error, node)
         named = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).lstrip(".")
         yield line if _is_unknown(error) else _line(node), f"{named}: {what}" if named else what
 
 
-def _what(model: type[BaseModel], error: ErrorDetails, node: yaml.Node, near: str | None) -> str:
+def _what(model: type[BaseModel], error: ErrorDetails, node: yaml.Node) -> str:
     """What is wrong: in own words where these help more than pydantic's."""
     kind, context = error["type"], error.get("ctx", {})
     if kind in ("mistake", "value_error"):
@@ -217,8 +217,8 @@ def _what(model: type[BaseModel], error: ErrorDetails, node: yaml.Node, near: st
     if kind == "missing":
         return f"this {'item' if isinstance(error['loc'][-1], int) else 'field'} is missing"
     if _is_unknown(error):
-        fields = _models_at(model, error["loc"][:-1])[0].model_fields
-        return f"there is no such field; {_instead(near, 'fields here', fields)}"
+        fields = _fields_beside(model, error["loc"])
+        return f"there is no such field; {_instead(str(error['loc'][-1]), 'fields here', fields)}"
     if kind == "model_attributes_type":
         return f"a map with kind … is expected, found {_shown(node)}"
     if kind == "model_type":
@@ -227,7 +227,7 @@ def _what(model: type[BaseModel], error: ErrorDetails, node: yaml.Node, near: st
         kinds = [name for each in _models_at(model, error["loc"]) if (name := _kind_of(each))]
         tag = context.get("tag")
         said = f"there is no kind {tag!r}" if tag else "this field is missing"
-        return f"{said}; {_instead(_nearest(tag or '', kinds), 'kinds', kinds)}"
+        return f"{said}; {_instead(tag or '', 'kinds', kinds)}"
     hint = ""
     if kind == "string_type" and isinstance(node, yaml.ScalarNode) and node.tag != _NOTHING:
         hint = "; put it in quotes to make it text"
@@ -237,7 +237,8 @@ def _what(model: type[BaseModel], error: ErrorDetails, node: yaml.Node, near: st
     return f"{message[0].lower()}{message[1:]}, found {_shown(node)}{hint}"
 
 
-def _instead(near: str | None, what: str, possible: Iterable[str]) -> str:
+def _instead(found: str, what: str, possible: list[str]) -> str:
+    near = _nearest(found, possible)
     return f"did you mean {near!r}?" if near else f"the {what} are {', '.join(possible)}"
 
 
@@ -245,8 +246,8 @@ def _is_unknown(error: ErrorDetails) -> bool:
     return error["type"] == "extra_forbidden"
 
 
-def _nearest_field(model: type[BaseModel], location: Location) -> str | None:
-    return _nearest(str(location[-1]), list(_models_at(model, location[:-1])[0].model_fields))
+def _fields_beside(model: type[BaseModel], location: Location) -> list[str]:
+    return list(_models_at(model, location[:-1])[0].model_fields)
 
 
 def _nearest(text: str, possible: list[str]) -> str | None:

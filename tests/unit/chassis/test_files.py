@@ -71,25 +71,18 @@ MISTAKES = [
     # wrong types, and what YAML takes for another one than a person does
     (X, "      x_m: four\n", GOAL_X, "number, found 'four'"),
     (X, "      x_m: 4e0\n", GOAL_X, "found '4e0'; to make it a number write it without quotes, and powers"),
-    (X, "      x_m: yes\n", GOAL_X, "number, found yes"),
     (X, "      x_m:\n", GOAL_X, "found nothing"),
-    (X, f"      x_m: 1{'0' * 400}\n", GOAL_X, "found 1000000000"),
-    ("steps: 20", "steps: 2.5", "4: horizons.prediction_steps: ", "integer, found 2.5"),
     ("name: crossing", "name: 12", "1: name: ", "found 12; put it in quotes"),
     ("name: crossing", "name: &a [*a]", "1: name: ", "found a list of 1"),
-    ("id: 1", "id: 1.5", "6: robots[0].id: ", "found 1.5; put it in quotes"),
     ("start: {x_m: -4, y_m: 0}", "start: -4", "7: robots[0].start: ", "a map with x_m, y_m … is expected"),
     ("{x_min_m: -6}", "small", "2: area: ", "a map with x_min_m, x_max_m, y_min_m, y_max_m is expected"),
     # values out of range, and checks of the whole
     (X, "      x_m: .nan\n", GOAL_X, "finite number, found .nan"),
-    (X, "      x_m: 1.0e+7\n", GOAL_X, "found 1.0e+7"),
-    ("name: crossing", f"name: {'x' * 65}", "1: name: ", "at most 64 characters, found 'xxx"),
     ("id: b", "id: b/c", "11: robots[1].id: ", "'b/c' found, 1 to 32 letters, digits, '-' or '_'"),
     ("x_min_m: -6", "x_min_m: 10", "2: area: ", "the area is empty"),
     # ambiguous or foreign YAML
     ("name: crossing", "name: a\nname: crossing", "2: 'name' is given twice, first in line 1", "keep one"),
     (X, "      x_m: !!python/object:os.system {}\n", "9: the tag !!python/object:os.system is not", "plain"),
-    (X, "      x_m: !metres 4\n", "9: the tag !metres is not allowed", "plain"),
     (X, "      x_m: !!bool maybe\n", "9: 'maybe' cannot be read as !!bool", ""),
     (X, "      x_m: 2026-13-45\n", "9: '2026-13-45' cannot be read as !!timestamp", ""),
     (X, f"      x_m: {'9' * 5000}\n", "9: '9999", "…' cannot be read as !!int"),
@@ -98,7 +91,6 @@ MISTAKES = [
     # text that is not YAML
     (X, "      x_m: [4\n", "10: one YAML document is expected: while parsing a flow sequence", ""),
     (X, "\tx_m: 4\n", "9: one YAML document is expected: while scanning for the next token", ""),
-    (X, "      x_m: *four\n", "9: one YAML document is expected: found undefined alias 'four'", ""),
     (X, "      x_m: 4\x07\n", "9: the character U+0007 is not allowed", ""),
 ]
 
