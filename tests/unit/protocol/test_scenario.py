@@ -180,7 +180,7 @@ def scenarios(draw: st.DrawFn) -> Scenario:
     )
 
 
-@settings(max_examples=50)
+@settings(max_examples=30)
 @given(scenarios())
 def test_what_is_written_is_read_back_equal(scenario: Scenario) -> None:
     read = load_scenario(Path("written.yaml"), scenario_text(scenario))
