@@ -4,7 +4,7 @@ import re
 import secrets
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from ipaddress import IPv4Address, IPv6Address, ip_address
+from ipaddress import IPv6Address, ip_address
 from typing import Final, Self
 
 from cryptography import x509
@@ -27,41 +27,30 @@ _FOLDERS: Final = {WORLD_NAME: "world", BENCH_NAME: "bench"}
 _HOLDERS: Final = {folder: name for name, folder in _FOLDERS.items()}
 
 
-@dataclass(frozen=True)
-class Host:
-    """Where robots find the world: a host name or an IPv4 address."""
-
-    place: str | IPv4Address
-
-    @classmethod
-    def parse(cls, text: str) -> Self:
-        """A host as a person writes it.
-
-        Raises:
-            ValueError: it is neither a host name nor an IPv4 address; its text is for people.
-        """
-        try:
-            address = ip_address(text)
-        except ValueError:
-            if _HOST_NAME.fullmatch(text):
-                return cls(text)
-            raise ValueError(
-                f"{text!r} found, a host name or an IPv4 address is expected, such as lab.example or "
-                "192.168.1.7, without protocol and port"
-            ) from None
-        if isinstance(address, IPv6Address):  # Zenoh takes what stands before the first colon for the host
-            raise ValueError(
-                f"{text!r} found, but over TLS Zenoh connects to no IPv6 address; give the world a host name"
-            )
-        return cls(address)
-
-    def to_general_name(self) -> x509.GeneralName:
-        """As a certificate holds it."""
-        return x509.DNSName(self.place) if isinstance(self.place, str) else x509.IPAddress(self.place)
-
-
-LOCAL_HOSTS: Final = (Host("localhost"), Host(IPv4Address("127.0.0.1")))
+LOCAL_HOSTS: Final = ("localhost", "127.0.0.1")
 """Of a world that is found on its own machine only."""
+
+
+def checked_host(text: str) -> str:
+    """Where robots find the world: a host name or an IPv4 address.
+
+    Raises:
+        ValueError: it is neither; its text is for people.
+    """
+    try:
+        address = ip_address(text)
+    except ValueError:
+        if _HOST_NAME.fullmatch(text):
+            return text
+        raise ValueError(
+            f"{text!r} found, a host name or an IPv4 address is expected, such as lab.example or "
+            "192.168.1.7, without protocol and port"
+        ) from None
+    if isinstance(address, IPv6Address):  # Zenoh takes what stands before the first colon for the host
+        raise ValueError(
+            f"{text!r} found, but over TLS Zenoh connects to no IPv6 address; give the world a host name"
+        )
+    return text
 
 
 @dataclass(frozen=True)
@@ -70,8 +59,8 @@ class Device:
 
     name: str
     """A robot's id, ``WORLD_NAME`` or ``BENCH_NAME``: the common name."""
-    hosts: tuple[Host, ...] = ()
-    """Where it is found; for the world only."""
+    hosts: tuple[str, ...] = ()
+    """Where it is found, each a ``checked_host``; for the world only."""
 
     @property
     def folder(self) -> str:
@@ -131,25 +120,15 @@ class Authority(Credentials):
 
     @classmethod
     def new(cls, now: datetime, days: int) -> Self:
-        """An authority with a name of its own, so that two can be told apart.
-
-        Args:
-            now: when it is made, aware of its zone.
-            days: for which it is valid from now on.
-        """
+        """An authority for so many days, with a name of its own, so that two can be told apart."""
         key, name = generate_private_key(SECP256R1()), _name(f"unspoken authority {secrets.token_hex(4)}")
         return cls(_signed(name, key, name, key, now, days), key)
 
     def issue(self, device: Device, now: datetime, days: int) -> Credentials:
-        """A certificate for a device, with a new private key.
+        """A certificate for a device, with a new private key; valid for so many days from now on.
 
         The world's certificate is for a server at its hosts, all others are for clients: no robot can be
         taken for the world.
-
-        Args:
-            device: whose name becomes the common name.
-            now: when it is made, aware of its zone.
-            days: for which it is valid from now on.
 
         Raises:
             Refusal: the authority expires before.
@@ -165,9 +144,13 @@ class Authority(Credentials):
         purpose = ExtendedKeyUsageOID.SERVER_AUTH if is_world else ExtendedKeyUsageOID.CLIENT_AUTH
         extensions: list[x509.ExtensionType] = [x509.ExtendedKeyUsage([purpose])]
         if device.hosts:
-            extensions.append(x509.SubjectAlternativeName([host.to_general_name() for host in device.hosts]))
+            extensions.append(x509.SubjectAlternativeName(map(_general_name, device.hosts)))
         key, name, issuer = generate_private_key(SECP256R1()), _name(device.name), self.certificate.subject
         return Credentials(_signed(name, key, issuer, self.key, now, days, *extensions), key)
+
+
+def _general_name(host: str) -> x509.GeneralName:
+    return x509.DNSName(host) if _HOST_NAME.fullmatch(host) else x509.IPAddress(ip_address(host))
 
 
 def _name(common_name: str) -> x509.Name:

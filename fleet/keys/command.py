@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated
 
 import typer
 from rich import box
@@ -14,7 +14,7 @@ from rich.text import Text
 
 from chassis.refusal import ExitStatus, Group, Refusal
 from fleet.keys import folders
-from fleet.keys.authority import LOCAL_HOSTS, Device, Host
+from fleet.keys.authority import LOCAL_HOSTS, Device, checked_host
 from fleet.keys.folders import AUTHORITY_FOLDER, Finding, devices_in, hosts_of_world, survey
 from protocol.identity import date_text
 from protocol.keys import BENCH_NAME, WORLD_NAME, checked_name
@@ -22,7 +22,6 @@ from protocol.scenario import load_scenario
 from scenarios import find
 
 MAX_DAYS = 36500
-T = TypeVar("T")
 
 app = typer.Typer(
     cls=Group,
@@ -35,10 +34,10 @@ app = typer.Typer(
 )
 
 
-def _parser(parse: Callable[[str], T]) -> Callable[[str], T]:
-    def parsed(text: str) -> T:
+def _parser(check: Callable[[str], str]) -> Callable[[str], str]:
+    def parsed(text: str) -> str:
         try:
-            return parse(text)
+            return check(text)
         except ValueError as error:
             raise typer.BadParameter(str(error)) from None
 
@@ -61,11 +60,11 @@ RobotOption = Annotated[
     ),
 ]
 HostOption = Annotated[
-    list[Host] | None,
+    list[str] | None,
     typer.Option(
         "--host",
         metavar="HOST",
-        parser=_parser(Host.parse),
+        parser=_parser(checked_host),
         help="Host name or IPv4 address at which robots reach the world; may be given several times.",
     ),
 ]

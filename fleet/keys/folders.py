@@ -5,9 +5,10 @@ or it is not there.
 """
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -16,16 +17,7 @@ from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
 
 from chassis.refusal import Refusal
 from fleet.interruption import Interruption
-from fleet.keys.authority import (
-    LOCAL_HOSTS,
-    Authority,
-    Credentials,
-    Device,
-    Host,
-    folder_of,
-    hosts_in,
-    name_of,
-)
+from fleet.keys.authority import LOCAL_HOSTS, Authority, Device, checked_host, folder_of, hosts_in, name_of
 from protocol.identity import (
     AUTHORITY_FILE,
     CERTIFICATE_FILE,
@@ -45,14 +37,9 @@ FILES: Final = {AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE}
 
 
 def create(directory: Path, devices: Iterable[Device], now: datetime, days: int, authority_days: int) -> None:
-    """Make an authority and the keys of these devices: all of them, or nothing.
+    """Make an authority and the keys of these devices in a new or empty directory: all of them, or nothing.
 
-    Args:
-        directory: new or empty.
-        devices: who gets keys.
-        now: when they are made, aware of its zone.
-        days: for which the devices' certificates are valid.
-        authority_days: for which the authority is.
+    They are valid for so many days from ``now`` on, which is aware of its zone.
 
     Raises:
         Refusal: the directory holds something, or the authority does not last as long as the certificates.
@@ -71,10 +58,11 @@ def create(directory: Path, devices: Iterable[Device], now: datetime, days: int,
     with TemporaryDirectory(prefix=f".{directory.name}-", dir=directory.parent) as beside:
         whole = Path(beside) / "whole"
         whole.mkdir(mode=0o700)
-        _write_authority(whole / AUTHORITY_FOLDER, authority)
-        _write(whole / AUTHORITY_FOLDER / KEY_FILE, authority.key_pem)
+        _write_folder(
+            whole / AUTHORITY_FOLDER, {AUTHORITY_FILE: authority.certificate_pem, KEY_FILE: authority.key_pem}
+        )
         for device in devices:
-            write_device(whole / device.folder, authority, authority.issue(device, now, days))
+            write_device(whole, authority, device, now, days)
         whole.rename(directory)
 
 
@@ -82,12 +70,6 @@ def issue(directory: Path, devices: Sequence[Device], now: datetime, days: int) 
     """Give these devices new keys and certificates of the authority that is there.
 
     All are written before the first takes the place of an older one.
-
-    Args:
-        directory: as ``create`` made it.
-        devices: who gets them; those that had some before get others.
-        now: when they are made, aware of its zone.
-        days: for which the certificates are valid.
 
     Raises:
         Refusal: there are no devices, the authority cannot be used or does not last so long, or a device's
@@ -104,7 +86,7 @@ def issue(directory: Path, devices: Sequence[Device], now: datetime, days: int) 
         new.mkdir()
         old.mkdir()
         for device in devices:
-            write_device(new / device.folder, authority, authority.issue(device, now, days))
+            write_device(new, authority, device, now, days)
         with Interruption():  # a Ctrl-C between the two steps waits for the second
             for device in devices:
                 _replace(directory / device.folder, new / device.folder, old / device.folder)
@@ -139,7 +121,7 @@ def devices_in(directory: Path) -> list[str]:
     return sorted(names, key=order)
 
 
-def hosts_of_world(directory: Path) -> tuple[Host, ...]:
+def hosts_of_world(directory: Path) -> tuple[str, ...]:
     """The hosts in the world's certificate, to be kept in the next one; those of one machine without it.
 
     Raises:
@@ -149,34 +131,32 @@ def hosts_of_world(directory: Path) -> tuple[Host, ...]:
     if not path.parent.is_dir():
         return LOCAL_HOSTS
     try:
-        return tuple(map(Host.parse, hosts_in(read_certificate(path))))
+        return tuple(map(checked_host, hosts_in(read_certificate(path))))
     except (Refusal, ValueError) as error:
         raise Refusal(f"{error}; name the world's hosts with --host") from None
 
 
-def write_device(folder: Path, authority: Authority, credentials: Credentials) -> None:
-    """Write a folder that ``load_device_keys`` reads.
+def write_device(directory: Path, authority: Authority, device: Device, now: datetime, days: int) -> None:
+    """Issue keys for a device and write its folder, which ``load_device_keys`` reads.
 
     Raises:
+        Refusal: the authority does not last so long.
         OSError: it cannot be written.
     """
-    _write_authority(folder, authority)
-    _write(folder / CERTIFICATE_FILE, credentials.certificate_pem)
-    _write(folder / KEY_FILE, credentials.key_pem)
+    credentials = authority.issue(device, now, days)
+    files = {AUTHORITY_FILE: authority.certificate_pem, CERTIFICATE_FILE: credentials.certificate_pem}
+    _write_folder(directory / device.folder, files | {KEY_FILE: credentials.key_pem})
 
 
-def _write_authority(folder: Path, authority: Authority) -> None:
+def _write_folder(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write new files that nobody else could read for a moment if private, and that are on the disk."""
     folder.mkdir(mode=0o700)
-    _write(folder / AUTHORITY_FILE, authority.certificate_pem)
-
-
-def _write(path: Path, content: bytes) -> None:
-    """Write a new file that nobody else could read for a moment if it is private, and that is on the disk."""
-    mode = 0o600 if path.name == KEY_FILE else 0o644
-    with open(path, "xb", opener=lambda name, flags: os.open(name, flags, mode)) as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
+    for name, content in files.items():
+        mode = 0o600 if name == KEY_FILE else 0o644
+        with open(folder / name, "xb", opener=partial(os.open, mode=mode)) as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
 
 
 def _replace(folder: Path, new: Path, old: Path) -> None:
@@ -219,10 +199,6 @@ class Finding:
 def survey(directory: Path, now: datetime) -> list[Finding]:
     """Look through all that ``create`` has made, or through the folder of one device.
 
-    Args:
-        directory: of the whole or of the one.
-        now: the time, aware of its zone.
-
     Raises:
         Refusal: there are no keys.
     """
@@ -258,22 +234,17 @@ def _device_found(folder: Path, now: datetime, name: str | None = None) -> Findi
         keys = load_device_keys(folder, now)
         if name is not None:
             check_name(keys, name)
-        if name is not None and authority.is_dir():
-            _check_authority(folder, authority)
+            trusted, ours = (each / AUTHORITY_FILE for each in (folder, authority))
+            if authority.is_dir() and read_certificate(trusted) != read_certificate(ours):
+                raise Refusal(
+                    f"{trusted}: not the authority in {authority}, so this device is refused by the others; "
+                    "renew its keys with 'unspoken keys issue'"
+                )
     except Refusal as refusal:
         return Finding(holder, folder, _expires(path), wrong=str(refusal))
     hosts = ", ".join(hosts_in(read_certificate(path)))
     holder = holder_text(keys.name) + (f" at {hosts}" if hosts else "")
     return Finding(holder, folder, keys.expires, warning=keys.warning(now))
-
-
-def _check_authority(folder: Path, authority: Path) -> None:
-    trusted, ours = (read_certificate(path / AUTHORITY_FILE) for path in (folder, authority))
-    if trusted != ours:
-        raise Refusal(
-            f"{folder / AUTHORITY_FILE}: not the authority in {authority}, so this device is refused by the "
-            "others; renew its keys with 'unspoken keys issue'"
-        )
 
 
 def _expires(path: Path) -> datetime | None:

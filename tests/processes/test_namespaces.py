@@ -4,7 +4,6 @@ import signal
 import sys
 from collections.abc import Iterator
 from datetime import UTC, datetime
-from ipaddress import IPv4Address
 from itertools import permutations
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from attempts import ATTEMPTS, got_through, ping, tcp, udp
 from network_namespaces import Network, NetworkError, Place, command, left
 from process_helpers import UNSPOKEN, lanes, write_scenario
 
-from fleet.keys.authority import Device, Host
+from fleet.keys.authority import Device
 from fleet.keys.folders import create
 from protocol.keys import WORLD_NAME
 
@@ -49,7 +48,7 @@ def network(request) -> Iterator[Network]:
 
 def keys_for(network: Network, directory: Path) -> Path:
     """As ``unspoken keys create`` makes them."""
-    world = Device(WORLD_NAME, (Host(IPv4Address(network.world.address)),))
+    world = Device(WORLD_NAME, (network.world.address,))
     robots = [Device(robot.name) for robot in network.robots]
     create(directory, [world, *robots], datetime.now(UTC), days=30, authority_days=300)
     return directory

@@ -14,7 +14,7 @@ from checking_helpers import device
 
 from agent.check import world as reach
 from agent.check.device import check_credentials
-from fleet.keys.authority import LOCAL_HOSTS, Authority, Device, Host
+from fleet.keys.authority import LOCAL_HOSTS, Authority, Device
 from fleet.keys.folders import write_device
 from protocol.identity import write_password, write_users
 from protocol.keys import WORLD_NAME, Keys
@@ -49,10 +49,10 @@ def authority():
 
 
 def keys_of(name, folder, authority, *hosts, days=30):
-    places = tuple(map(Host.parse, hosts)) or (LOCAL_HOSTS if name == WORLD_NAME else ())
+    places = hosts or (LOCAL_HOSTS if name == WORLD_NAME else ())
     holder = Device(name, places)
     folder.mkdir(exist_ok=True)
-    write_device(folder / holder.folder, authority, authority.issue(holder, NOW, days))
+    write_device(folder, authority, holder, NOW, days)
     return folder / holder.folder
 
 

@@ -39,7 +39,3 @@ def rows(result: Result) -> dict[str, list[str]]:
     """The rows of the table by folder: who, when and state."""
     cells = [re.split(r"  +", line.strip()) for line in result.stdout.splitlines()]
     return {row[1]: [row[0], *row[2:]] for row in cells[2:] if len(row) == 4}
-
-
-def hosts_shown(mine: Path) -> str:
-    return rows(keys("show", mine))["world"][0]

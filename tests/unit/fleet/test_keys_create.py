@@ -57,65 +57,53 @@ def test_whatever_the_umask_private_keys_are_for_their_owner_alone(monkeypatch: 
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "told"),
     [
-        (("mine",), ("--scenario", "--robot")),
-        (("mine", "--robot", "@world"), ("--robot", "'@world'")),
-        (("mine", "--robot", "a/b"), ("'a/b'",)),
-        (("mine", "--scenario", "9z"), ("9z",)),
-        (("mine", "--robot", "1", "--host", "tls/lab:7447"), ("--host", "'tls/lab:7447'")),
-        (("mine", "--robot", "1", "--host", "::1"), ("'::1'", "IPv6")),
-        (("mine", "--robot", "1", "--days", "0"), ("--days",)),
-        (("mine", "--robot", "1", "--days", "99999"), ("--days",)),
-        (("mine", "--robot", "1", "--days", "400", "--authority-days", "300"), ("--days 300 is the most",)),
-        ((".", "--robot", "1"), ("is where you are",)),
-        ((), ("DIR",)),
+        (("mine",), "--scenario"),
+        (("mine", "--robot", "@world"), "'@world'"),
+        (("mine", "--scenario", "9z"), "9z"),
+        (("mine", "--robot", "1", "--host", "tls/lab:7447"), "'tls/lab:7447'"),
+        (("mine", "--robot", "1", "--days", "0"), "--days"),
+        (("mine", "--robot", "1", "--days", "99999"), "--days"),
+        (("mine", "--robot", "1", "--days", "400", "--authority-days", "300"), "--days 300 is the most"),
+        ((".", "--robot", "1"), "is where you are"),
+        ((), "DIR"),
     ],
 )
-def test_wrong_usage_is_refused_and_nothing_is_written(
-    options: tuple[str, ...], words: tuple[str, ...]
-) -> None:
+def test_wrong_usage_is_refused_and_nothing_is_written(options: tuple[str, ...], told: str) -> None:
     result = keys("create", *options)
     assert result.exit_code == 2
-    for word in words:
-        assert word in result.stderr
+    assert told in result.stderr
     assert "Traceback" not in result.output
     assert list(Path().iterdir()) == []
 
 
-def test_keys_that_are_there_are_never_overwritten() -> None:
+def test_keys_that_are_there_are_never_overwritten_and_a_file_is_no_place_for_them() -> None:
     before = content(made())
     result = keys("create", "mine", "--robot", 1)
     assert result.exit_code == 2
     assert "'unspoken keys issue'" in result.stderr
-    assert content(Path("mine")) == before
-
-
-def test_a_directory_that_cannot_be_made_fails() -> None:
     Path("file").touch()
     result = keys("create", "file/mine", "--robot", 1)
     assert result.exit_code == 3
     assert "file: cannot be used" in result.stderr
+    assert content(Path("mine")) == before
 
 
-def test_show_lists_robots_in_the_order_of_their_numbers() -> None:
-    keys("create", "mine", "--robot", 10, "--robot", 9, "--robot", "b", "--days", 365)
+def test_show_lists_robots_in_the_order_of_their_numbers_and_warns_of_a_near_end(clock: Clock) -> None:
+    keys("create", "mine", "--robot", 10, "--robot", 9, "--robot", "b", "--days", 20)
     result = keys("show", "mine")
     assert result.exit_code == 0
     found = rows(result)
     assert list(found) == ["authority", "world", "bench", "robot-b", "robot-9", "robot-10"]
     assert found["robot-9"][0] == "robot 9"
-    assert found["robot-9"][1].startswith("2027-05-01")
+    assert found["robot-9"][1].startswith("2026-05-21")
     assert {row[-1] for row in found.values()} == {"ok"}
-
-
-def test_show_warns_of_a_near_end_and_still_ends_well(clock: Clock) -> None:
-    mine = made("--days", 20)
     clock.pass_days(7)
-    result = keys("show", mine)
+    result = keys("show", "mine")
     assert result.exit_code == 0
-    assert rows(result)["robot-1"][-1] == "soon"
-    assert "mine/robot-1: these keys expire on 2026-05-21" in result.stdout
+    assert rows(result)["robot-9"][-1] == "soon"
+    assert "mine/robot-9: these keys expire on 2026-05-21" in result.stdout
 
 
 def spoil_mode(mine: Path) -> str:
@@ -169,8 +157,6 @@ def test_show_takes_a_single_folder_wherever_it_was_copied(folder: str, who: str
     result = keys("show", f"elsewhere/{folder}")
     assert result.exit_code == 0, result.output
     assert rows(result)["."][0] == who
-    (Path("elsewhere") / folder / "key.pem").chmod(0o644)
-    assert keys("show", f"elsewhere/{folder}").exit_code == 1
 
 
 @pytest.mark.parametrize("command", ["issue", "show"])

@@ -3,7 +3,7 @@
 from datetime import datetime
 from pathlib import Path
 
-from fleet.keys.authority import LOCAL_HOSTS, Authority, Device, Host
+from fleet.keys.authority import LOCAL_HOSTS, Authority, Device
 from fleet.keys.folders import write_device
 from protocol.keys import WORLD_NAME
 
@@ -16,7 +16,7 @@ def new_authority(now: datetime, days: int = 10 * DAYS) -> Authority:
 
 def keys_of(name: str, beside: Path, authority: Authority, now: datetime, *hosts: str) -> Path:
     """A device's folder, valid for ``DAYS``; a world without hosts is at those of this machine."""
-    places = tuple(map(Host.parse, hosts)) or (LOCAL_HOSTS if name == WORLD_NAME else ())
+    places = hosts or (LOCAL_HOSTS if name == WORLD_NAME else ())
     device = Device(name, places)
-    write_device(beside / device.folder, authority, authority.issue(device, now, DAYS))
+    write_device(beside, authority, device, now, DAYS)
     return beside / device.folder
