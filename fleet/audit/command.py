@@ -1,6 +1,5 @@
 """``unspoken audit`` and ``unspoken replay``: a recorded run repeated, and what came of it shown."""
 
-import time
 from bdb import BdbQuit
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -12,15 +11,13 @@ import typer
 from rich import box
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-from rich.table import Table
+from rich.table import Column, Table
 
 from agent.agent import Agent
 from agent.process.warm import warm_up
 from chassis.refusal import ExitStatus, Refusal
-from fleet.audit.audit import Audit, Report, first_ones
-from fleet.audit.difference import Difference
-from fleet.audit.recorded import RecordedRun, open_run
-from fleet.audit.replay import RobotReplay, Tally, Turn
+from fleet.audit.recorded import Difference, RecordedRun, open_run
+from fleet.audit.replay import Audit, Report, RobotReplay, Tally, Turn, Watch, first_ones
 from fleet.interruption import Interruption
 from fleet.record.report_file import TO_STDOUT, JsonOption, write_report
 from fleet.run.experiment import VIRTUAL, RunFacts
@@ -52,15 +49,15 @@ def audit(run: RunArgument, json: JsonOption = None) -> None:
         audited = Audit(open_run(run))
         if json not in (None, TO_STDOUT):  # told now and not after minutes
             write_report(audited.report().to_json(), json, ExitStatus.WRONG_USAGE)
-        with _RepeatingProgress(interruption) as progress, _possible_here():
+        with _repeating(interruption) as watch:
             try:
                 compile_solver(interruption)
-                audited.go(progress.watch)
+                audited.go(watch)
             except KeyboardInterrupt:
                 pass  # the report says so
         report = audited.report()
         console.print(robot_table(report))
-        _say(console, conclusion(report))
+        console.print(conclusion(report), markup=False, soft_wrap=True)
         if json is not None:
             write_report(report.to_json(), json)
     if report.result != "follows":
@@ -83,40 +80,37 @@ def replay(
     Exit status: 0 all are the same, bit for bit; 1 they are not, or interrupted; 2 wrong usage, no such robot
     or step, or not a recording; 3 the run cannot be repeated on this machine.
     """
-    console = Console(highlight=False)
     with Interruption() as interruption:
         recorded = open_run(run)
         repeated = _robot_replay(recorded, run, robot, debug_at)
-        scene_difference = recorded.scene_difference()
-        differences = [] if scene_difference is None else [scene_difference]
+        differences = recorded.scene_differences()
         done = 0
-        shown = not steps and debug_at is None
-        if scene_difference is None:  # else nothing can be repeated
+        if not differences:  # else nothing can be repeated
             try:
-                with _RepeatingProgress(interruption, shown=shown) as progress, _possible_here():
+                with _repeating(interruption, shown=not steps and debug_at is None) as watch:
                     compile_solver(interruption)
                     warm_up(recorded.facts.goals, recorded.facts.solver)
                     if steps:
-                        _say(console, STEPS_HEADER)
+                        typer.echo(STEPS_HEADER)
                     for done, turn in enumerate(repeated.turns(_debugger(debug_at)), 1):
                         differences += turn.differences
                         if steps:
-                            _say(console, step_line(turn, recorded.scenario.step_s))
-                        progress.watch(robot, done, len(repeated.minds))
+                            typer.echo(step_line(turn, recorded.scenario.step_s))
+                        watch(robot, done, len(repeated.minds))
             except (KeyboardInterrupt, BdbQuit):
-                _say(console, f"Interrupted: {done} of {len(repeated.minds)} decisions have been repeated.")
+                typer.echo(f"Interrupted: {done} of {len(repeated.minds)} decisions have been repeated.")
                 raise typer.Exit(ExitStatus.UNMET) from None
             differences += repeated.surplus
     if differences:
-        _say(console, first_of(first_ones(differences), recorded.facts, version("unspoken")))
+        typer.echo(first_of(first_ones(differences), recorded.facts, version("unspoken")))
         raise typer.Exit(ExitStatus.UNMET)
-    _say(console, f"All {done} decisions of robot {robot} follow, bit for bit, from what it was given.")
+    typer.echo(f"All {done} decisions of robot {robot} follow, bit for bit, from what it was given.")
 
 
 def _robot_replay(recorded: RecordedRun, path: Path, robot: str, debug_at: int | None) -> RobotReplay:
     if robot not in recorded.robots:
         raise Refusal(f"{path}: this run has no robot {robot!r}; its robots are {', '.join(recorded.robots)}")
-    repeated = RobotReplay(recorded, robot, time.perf_counter)
+    repeated = RobotReplay(recorded, robot)
     decided = sorted({mind.step for mind in repeated.minds})
     if debug_at is not None and debug_at not in decided:
         there_are = (
@@ -137,47 +131,33 @@ def _debugger(step: int | None) -> Callable[[Agent, Observation], None]:
 
 
 @contextmanager
-def _possible_here() -> Iterator[None]:
-    """Refuse with a reason where a recording is sound, but cannot be repeated on this machine."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        raise Refusal(f"this run cannot be repeated here: {error}", ExitStatus.FAILED) from None
+def _repeating(interruption: Interruption, *, shown: bool = True) -> Iterator[Watch]:
+    """What is yielded shows how repeating gets on, and is the place where it can be interrupted.
 
+    Raises:
+        Refusal: the recording is sound, but cannot be repeated on this machine.
+    """
+    columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+    errors = Console(stderr=True, highlight=False)
+    with Progress(*columns, console=errors, transient=True, disable=not shown) as progress:
+        line = progress.add_task(announced("reading the recording"), total=None)
 
-class _RepeatingProgress(Progress):
-    """The line that shows how repeating gets on, and the place where it can be interrupted."""
+        def watch(robot: str, done: int, total: int) -> None:
+            if interruption.requested:
+                raise KeyboardInterrupt
+            progress.update(line, description=f"robot {robot}: {done} of {total} decisions")
 
-    def __init__(self, interruption: Interruption, *, shown: bool = True) -> None:
-        columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
-        errors = Console(stderr=True, highlight=False)
-        super().__init__(*columns, console=errors, transient=True, disable=not shown)
-        self._interruption = interruption
-        self._line = self.add_task(announced("reading the recording"), total=None)
-
-    def watch(self, robot: str, done: int, total: int) -> None:
-        """Some decisions of a robot have been repeated."""
-        if self._interruption.requested:
-            raise KeyboardInterrupt
-        self.update(self._line, description=f"robot {robot}: {done} of {total} decisions")
-
-
-def _say(console: Console, text: str) -> None:
-    """Long lines hold paths and values, which are not to be broken."""
-    console.print(text, markup=False, soft_wrap=True)
+        try:
+            yield watch
+        except ModuleNotFoundError as error:
+            raise Refusal(f"this run cannot be repeated here: {error}", ExitStatus.FAILED) from None
 
 
 def robot_table(report: Report) -> Table:
     """One row a robot; fits into 80 columns."""
-    table = Table("Robot", box=box.SIMPLE_HEAD)
-    table.columns[0].overflow = "fold"
-    for header in (
-        "Observations",
-        "From the\nworld's sensors",
-        "Decisions",
-        "Minds\nidentical",
-        "Commands\nidentical",
-    ):
+    table = Table(Column("Robot", overflow="fold"), box=box.SIMPLE_HEAD)
+    headers = "Observations", "From the\nworld's sensors", "Decisions", "Minds\nidentical"
+    for header in (*headers, "Commands\nidentical"):
         table.add_column(header, justify="right")
     for robot in report.robots:
         table.add_row(
@@ -226,12 +206,9 @@ def conclusion(report: Report) -> str:
 
 
 def first_of(differences: Sequence[Difference], facts: RunFacts, repeated_with: str) -> str:
-    """The first difference, how many more there are, and what may be the reason.
+    """The first of some differences, how many more there are, and what may be the reason.
 
-    Args:
-        differences: at least one.
-        facts: of the recording.
-        repeated_with: the version of the software that repeated it.
+    The run with these facts was repeated with that version of the software.
     """
     first, *others = differences
     text = f"Something does not follow. {first}"
@@ -247,12 +224,7 @@ def first_of(differences: Sequence[Difference], facts: RunFacts, repeated_with: 
 
 
 def step_line(turn: Turn, step_s: float) -> str:
-    """One decision under ``STEPS_HEADER``.
-
-    Args:
-        turn: the decision.
-        step_s: Δt in s.
-    """
+    """One decision under ``STEPS_HEADER``, where a step takes ``step_s``."""
     step = turn.recorded.step
     when = f"{step:6d} {step * step_s:8.2f}"
     if turn.repeated is None:

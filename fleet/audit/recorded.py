@@ -1,14 +1,16 @@
-"""A recorded run by what the world and each robot had before them."""
+"""A recorded run by what the world and each robot had before them, and how it differs from its repetition."""
 
+import json
 from collections import defaultdict
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, Literal, TypeVar
 
 from chassis.refusal import Refusal
-from fleet.audit.difference import Difference, Part, compared
 from fleet.record.recording import Recording, RecordingError, read_recording
+from fleet.record.report_file import Record
 from fleet.record.stream import KINDS
 from fleet.run.experiment import RunFacts
 from protocol.keys import Keys
@@ -16,10 +18,81 @@ from protocol.messages import Command, Message, Mind, Observation, PublicScene, 
 from protocol.scenario import Scenario, load_scenario
 
 RECORDING_NAME = "run.mcap"
+LONGEST_TOLD = 300
+"""More characters of a value are not told."""
+_NOTHING: Any = object()
 
-
+Part = Literal["key", "scene", "observation", "mind", "command", "truth"]
+"""What differs."""
 Kind = TypeVar("Kind", bound=Message)
 Stepped = TypeVar("Stepped", Observation, Command)
+
+
+class Difference(Record):
+    """One place of a recording and what stands there."""
+
+    part: Part
+    robot: str | None = None
+    """Whose it is; None where it is the world's."""
+    step: int | None = None
+    field: str = ""
+    """Such as ``robots.2.x_m``; empty for a whole message."""
+    recorded: str | None
+    """In the recording: a value as JSON, or words; None for nothing."""
+    repeated: str | None
+    """In the repetition."""
+
+    def __str__(self) -> str:
+        """One line for people."""
+        whose = [f"robot {self.robot}"] if self.robot is not None else []
+        when = [f"step {self.step}"] if self.step is not None else []
+        what = f"{self.part} {self.field}".strip()
+        recorded, repeated = (
+            value if value is not None else "nothing" for value in (self.recorded, self.repeated)
+        )
+        return f"{', '.join([*whose, *when, what])}: recorded {recorded}, repeated {repeated}"
+
+
+def compared(
+    part: Part,
+    recorded: Message,
+    repeated: Message,
+    *,
+    robot: str | None = None,
+    without: frozenset[str] = frozenset(),
+) -> list[Difference]:
+    """The first difference of two messages if there is one, bit for bit and in the order of their fields.
+
+    Fields in ``without`` do not count, whether these messages have them or not.
+    """
+    one, other = (message.model_dump(mode="json", exclude=set(without)) for message in (recorded, repeated))
+    for field, *values in _differences(one, other):
+        was, is_now = map(_told, values)
+        step = getattr(recorded, "step", None)
+        return [Difference(part=part, robot=robot, step=step, field=field, recorded=was, repeated=is_now)]
+    return []
+
+
+def _differences(recorded: Any, repeated: Any, *field: str) -> Iterator[tuple[str, Any, Any]]:
+    """Where two JSON values are not the same, and what stands there in both."""
+    if isinstance(recorded, dict) and isinstance(repeated, dict):
+        for name in [*recorded, *(name for name in repeated if name not in recorded)]:
+            yield from _differences(recorded.get(name, _NOTHING), repeated.get(name, _NOTHING), *field, name)
+        if list(recorded) != list(repeated):  # an order could carry something too
+            yield ".".join(field), list(recorded), list(repeated)
+    elif isinstance(recorded, list) and isinstance(repeated, list):
+        for index, values in enumerate(zip_longest(recorded, repeated, fillvalue=_NOTHING)):
+            yield from _differences(*values, *field, str(index))
+    # Their texts tell 0.0 from -0.0, and all other numbers from each other.
+    elif _told(recorded) != _told(repeated):
+        yield ".".join(field), recorded, repeated
+
+
+def _told(value: Any) -> str | None:
+    if value is _NOTHING:
+        return None
+    text = json.dumps(value)
+    return text if len(text) <= LONGEST_TOLD else f"{text[:LONGEST_TOLD]}…"
 
 
 @dataclass(frozen=True)
@@ -82,14 +155,14 @@ class RecordedRun:
             for key, kind in sorted(self.recording.channels() - known)
         ]
 
-    def scene_difference(self) -> Difference | None:
+    def scene_differences(self) -> list[Difference]:
         """In what the recorded scene is not the one that the scenario gives for such a run.
 
         That one holds goals in a run with exchanged goals only.
         """
         scenes = self.scenes()
         if len(scenes) != 1:
-            return Difference(part="scene", recorded=f"{len(scenes)} scenes", repeated="1 scene")
+            return [Difference(part="scene", recorded=f"{len(scenes)} scenes", repeated="1 scene")]
         [scene] = scenes
         public = self.scenario.scene(with_goals=self.facts.goals_are_exchanged)
         return compared("scene", scene, PublicScene(epoch=scene.epoch, scene=public))
@@ -99,20 +172,18 @@ class RecordedRun:
 
 
 def open_run(path: Path) -> RecordedRun:
-    """Open the recording of a run.
-
-    Args:
-        path: the file, or the directory that ``unspoken run`` has left.
+    """Open the recording of a run: the file, or the directory that ``unspoken run`` has left.
 
     Raises:
         RecordingError: there is none, it cannot be read, faults befell the run, its world was started again,
             or its scenario is wrong.
     """
     recording = read_recording(path / RECORDING_NAME if path.is_dir() else path)
-    if recording.facts.faults:
+    if number := recording.facts.faults:
+        faults = "a fault was part" if number == 1 else f"{number} faults were part"
         raise RecordingError(
-            f"{recording.path}: {_faults(recording.facts.faults)} of this run, so its robots may not have "
-            "decided on what is recorded; only runs without faults can be repeated"
+            f"{recording.path}: {faults} of this run, so its robots may not have decided on what is "
+            "recorded; only runs without faults can be repeated"
         )
     try:
         scenario = load_scenario(recording.path, recording.scenario_text)
@@ -125,10 +196,6 @@ def open_run(path: Path) -> RecordedRun:
             "exactly; only runs of a single epoch can be repeated"
         )
     return run
-
-
-def _faults(number: int) -> str:
-    return "a fault was part" if number == 1 else f"{number} faults were part"
 
 
 def by_step(messages: Iterable[Stepped]) -> dict[int, list[Stepped]]:

@@ -1,13 +1,22 @@
-"""A recorded run repeated: the world from its commands, and each robot from its own observations."""
+"""A recorded run repeated: the world from its commands, and each robot from its own observations.
 
+The JSON of the report is a contract, described in docs/auditing.md.
+"""
+
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from importlib.metadata import version
+from typing import Literal
+
+from pydantic import Field
 
 from agent.agent import Agent, Decision
-from agent.solve.deadline import Clock, Deadline
-from fleet.audit.difference import Difference, compared
-from fleet.audit.recorded import RecordedRun, too_many
+from agent.solve.deadline import Deadline
+from fleet.audit.recorded import Difference, Part, RecordedRun, compared, too_many
+from fleet.record.report_file import Record
+from fleet.run.experiment import RunFacts
 from fleet.run.listening import obeyed
 from fleet.run.virtual import agent_of
 from protocol.messages import Command, Message, Mind, Observation, Truth, Verdict
@@ -21,6 +30,10 @@ MEASURED = frozenset({"timings_ms"})
 Commands = Mapping[str, Mapping[int, Sequence[Command]]]
 """By robot and step, in their order."""
 BeforeDeciding = Callable[[Agent, Observation], None]
+Watch = Callable[[str, int, int], None]
+"""Told of a robot how many decisions are done, and how many there are. May raise KeyboardInterrupt."""
+PARTS: tuple[Part, ...] = ("key", "scene", "truth", "observation", "mind", "command")
+"""In this order differences of one step are told: what is given first, and then what follows from it."""
 
 
 @dataclass
@@ -59,14 +72,14 @@ class WorldReplay:
         self.truths.recorded = len(truths)
         shown: set[int] = set()
         if not truths:
-            self._differ(Difference(part="truth", step=0, recorded=None, repeated="the start"))
+            self.differences.append(Difference(part="truth", step=0, recorded=None, repeated="the start"))
         before = None
         for truth in truths:
             if not self._reaches(world, before, truth, commands):
                 return
-            difference = compared("truth", truth, world.truth(), without=NOT_OF_THE_WORLD)
-            self.truths.identical += difference is None
-            self._differ(difference)
+            found = compared("truth", truth, world.truth(), without=NOT_OF_THE_WORLD)
+            self.truths.identical += not found
+            self.differences += found
             if truth.verdict is None:
                 shown.add(truth.step)
                 self._compare_observations(world, truth.step, observations)
@@ -84,11 +97,12 @@ class WorldReplay:
         if truth.verdict == "interrupted" and truth.step == present:
             world.interrupt()
         elif world.over:
-            self._differ(Difference(part="truth", step=truth.step, recorded="a further step", repeated=None))
+            further = Difference(part="truth", step=truth.step, recorded="a further step", repeated=None)
+            self.differences.append(further)
             return False
         elif truth.step != due:
             steps = {"recorded": str(truth.step), "repeated": str(due)}
-            self._differ(Difference(part="truth", step=due, field="step", **steps))
+            self.differences.append(Difference(part="truth", step=due, field="step", **steps))
             return False
         elif before is not None:
             world.advance(self._obeyed(world, before, truth, commands))
@@ -103,26 +117,21 @@ class WorldReplay:
             if valid:
                 found[robot] = valid[0]
             else:
-                what = "one that the world obeyed"
-                self._differ(Difference(part="command", robot=robot, step=step, recorded=None, repeated=what))
+                lacking = {"recorded": None, "repeated": "one that the world obeyed"}
+                self.differences.append(Difference(part="command", robot=robot, step=step, **lacking))
         return found
 
     def _compare_observations(
         self, world: World, step: int, observations: Mapping[str, Mapping[int, Sequence[Observation]]]
     ) -> None:
         for robot, repeated in world.observations().items():
-            recorded = observations[robot].get(step)
-            if recorded is None:
-                given = {"recorded": None, "repeated": repeated.model_dump_json()}
-                self._differ(Difference(part="observation", robot=robot, step=step, **given))
+            if step in observations[robot]:
+                found = compared("observation", observations[robot][step][0], repeated, robot=robot)
+                self.observations[robot].identical += not found
+                self.differences += found
             else:
-                difference = compared("observation", recorded[0], repeated, robot=robot)
-                self.observations[robot].identical += difference is None
-                self._differ(difference)
-
-    def _differ(self, difference: Difference | None) -> None:
-        if difference is not None:
-            self.differences.append(difference)
+                lacking = {"recorded": None, "repeated": repeated.model_dump_json()}
+                self.differences.append(Difference(part="observation", robot=robot, step=step, **lacking))
 
 
 def _count(by_step: Mapping[int, Sequence[Message]]) -> int:
@@ -138,13 +147,8 @@ class Turn:
     """As recorded; None where it was withdrawn, since it would have come too late."""
     repeated: Decision | None
     """None where the decision could not be repeated."""
-    mind_difference: Difference | None
-    command_difference: Difference | None
-
-    @property
-    def differences(self) -> list[Difference]:
-        """Those that there are."""
-        return [each for each in (self.mind_difference, self.command_difference) if each is not None]
+    differences: Sequence[Difference]
+    """At most one of the mind, and one of the command."""
 
 
 class RepeatedDeadline(Deadline):
@@ -171,13 +175,11 @@ class RobotReplay:
     Args:
         run: with one scene, that of the scenario.
         robot: one of the run.
-        clock: times the repetition; it changes no decision.
     """
 
-    def __init__(self, run: RecordedRun, robot: str, clock: Clock) -> None:
+    def __init__(self, run: RecordedRun, robot: str) -> None:
         self.robot = robot
         self._run = run
-        self._clock = clock
         self._observations = run.observations(robot)
         self._commands = run.commands(robot)
         self.minds = run.minds(robot)
@@ -189,10 +191,7 @@ class RobotReplay:
         return too_many("command", self.robot, self._commands, {mind.step for mind in self.minds})
 
     def turns(self, before: BeforeDeciding = lambda _agent, _observation: None) -> Iterator[Turn]:
-        """Repeat one decision after the other.
-
-        Args:
-            before: called before each decision.
+        """Repeat one decision after the other; ``before`` is called before each.
 
         Raises:
             ModuleNotFoundError: the library of a baseline is not installed here.
@@ -211,32 +210,151 @@ class RobotReplay:
 
     def _turn(self, agent: Agent, mind: Mind, command: Command | None, before: BeforeDeciding) -> Turn:
         if mind.step not in self._observations:
-            return self._unrepeated(mind, command, "no decision: the observation is missing")
+            return self._unrepeated(mind, command, "the observation is missing")
         observation = self._observations[mind.step][0]
         before(agent, observation)
         try:
             decision = agent.decide(observation)
         # A robot that decides nothing at a step has recorded nothing, so whatever fails here is a difference.
         except (ArithmeticError, LookupError, RuntimeError, ValueError) as error:
-            return self._unrepeated(mind, command, f"no decision: {type(error).__name__}: {error}")
+            return self._unrepeated(mind, command, f"{type(error).__name__}: {error}")
         if decision is None:
-            why = "no decision: this robot is not in the observation, or has decided on a newer one"
+            why = "this robot is not in the observation, or has decided on a newer one"
             return self._unrepeated(mind, command, why)
-        return Turn(
-            mind,
-            command,
-            decision,
-            compared("mind", mind, decision.mind, robot=self.robot, without=MEASURED),
-            None if command is None else compared("command", command, decision.command, robot=self.robot),
-        )
+        differences = compared("mind", mind, decision.mind, robot=self.robot, without=MEASURED)
+        if command is not None:
+            differences += compared("command", command, decision.command, robot=self.robot)
+        return Turn(mind, command, decision, differences)
 
     def _unrepeated(self, mind: Mind, command: Command | None, why: str) -> Turn:
-        place = {"robot": self.robot, "step": mind.step, "recorded": "a decision", "repeated": why}
-        mind_difference = Difference.model_validate({"part": "mind", **place})
-        command_difference = mind_difference.model_copy(update={"part": "command"})
-        return Turn(mind, command, None, mind_difference, None if command is None else command_difference)
+        parts: tuple[Part, ...] = ("mind",) if command is None else ("mind", "command")
+        told = {"recorded": "a decision", "repeated": f"no decision: {why}"}
+        differences = [Difference(part=part, robot=self.robot, step=mind.step, **told) for part in parts]
+        return Turn(mind, command, None, differences)
 
     def _joins(self, deadline: RepeatedDeadline) -> Agent:
         [public] = self._run.scenes()
         [robot] = [each for each in self._run.scenario.robots if each.id == self.robot]
-        return agent_of(robot, public.scene, self._run.facts, self._clock, deadline)
+        return agent_of(robot, public.scene, self._run.facts, time.perf_counter, deadline)
+
+
+class RobotAudit(Record):
+    """One robot: of each kind of message, how many are recorded and how many the repetition gives."""
+
+    id: str
+    reads: tuple[str, ...]
+    """The keys of the recording that this robot could read."""
+    observations: Tally
+    minds: Tally
+    """One a decision; without their timings."""
+    commands: Tally
+    joined: int
+    """How often it began with an empty memory."""
+
+
+class Report(Record):
+    """One audit. In JSON the version of this layout stands under ``schema``."""
+
+    layout: Literal[1] = Field(default=1, alias="schema")
+    result: Literal["follows", "differs", "interrupted"]
+    recording: str
+    facts: RunFacts
+    repeated_with: str
+    """The version of the software that repeated the run."""
+    verdict: Verdict | None
+    """Of the run; None if the recording ends without one."""
+    last_step: int | None
+    goals_told: bool
+    """Whether the scene holds goals, as in a run with exchanged goals it does."""
+    truths: Tally
+    robots: tuple[RobotAudit, ...]
+    differences: tuple[Difference, ...]
+    """Of each robot's and the world's messages of one kind the first one, in the order of their steps."""
+
+    def to_json(self) -> str:
+        """The report as one JSON object."""
+        return self.model_dump_json(by_alias=True, indent=2)
+
+
+class Audit:
+    """Repeats the world and then each robot of a run; what has been found so far can be asked at any time.
+
+    Args:
+        run: the recorded one.
+    """
+
+    def __init__(self, run: RecordedRun) -> None:
+        self._run = run
+        self._world = WorldReplay()
+        self._robots: list[RobotAudit] = []
+        self._differences: list[Difference] = []
+        self._complete = False
+
+    def go(self, watch: Watch) -> None:
+        """Repeat everything. Without the scenario's own scene nothing can be repeated.
+
+        Raises:
+            KeyboardInterrupt: from ``watch``.
+            ModuleNotFoundError: the library of a baseline is not installed here.
+            RecordingError: the recording is damaged.
+        """
+        scene_differences = self._run.scene_differences()
+        self._differences += [*self._run.strays(), *scene_differences]
+        if not scene_differences:
+            self._world.repeat(self._run)
+            self._differences += self._world.differences
+            for robot in self._run.robots:
+                self._robots.append(self._audited(robot, watch))
+        self._complete = True
+
+    def report(self) -> Report:
+        """What has been found."""
+        run, differences = self._run, first_ones(self._differences)
+        return Report(
+            result="interrupted" if not self._complete else "differs" if differences else "follows",
+            recording=str(run.recording.path),
+            facts=run.facts,
+            repeated_with=version("unspoken"),
+            verdict=self._world.verdict,
+            last_step=self._world.last_step,
+            goals_told=any(scene.scene.goals is not None for scene in run.scenes()),
+            truths=self._world.truths,
+            robots=tuple(self._robots),
+            differences=differences,
+        )
+
+    def _audited(self, robot: str, watch: Watch) -> RobotAudit:
+        replay = RobotReplay(self._run, robot)
+        minds = Tally(len(replay.minds))
+        commands = Tally(len(replay.surplus))
+        watch(robot, 0, minds.recorded)
+        for done, turn in enumerate(replay.turns(), 1):
+            differing = {difference.part for difference in turn.differences}
+            minds.identical += "mind" not in differing
+            if turn.command is not None:
+                commands.recorded += 1
+                commands.identical += "command" not in differing
+            self._differences += turn.differences
+            watch(robot, done, minds.recorded)
+        self._differences += replay.surplus
+        return RobotAudit(
+            id=robot,
+            reads=self._run.readable_by(robot),
+            observations=self._world.observations[robot],
+            minds=minds,
+            commands=commands,
+            joined=sum(mind.decision == 0 for mind in replay.minds),
+        )
+
+
+def first_ones(differences: Sequence[Difference]) -> tuple[Difference, ...]:
+    """One of each kind of message of each robot; of the whole run first, then step by step."""
+
+    def moment(difference: Difference) -> tuple[int, int]:
+        step = -1 if difference.step is None else difference.step
+        return step, PARTS.index(difference.part)
+
+    firsts: dict[tuple[Part, str | None], Difference] = {}
+    for difference in sorted(differences, key=moment):
+        firsts.setdefault((difference.part, difference.robot), difference)
+    return tuple(firsts.values())

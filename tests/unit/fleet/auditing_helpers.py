@@ -1,6 +1,6 @@
 """Recorded runs of two short-sighted robots that meet, made in this process, and their audits."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +9,8 @@ import yaml
 from agent.agent import Agent
 from agent.process.options import DecisionOptions
 from agent.solve.deadline import Deadline
-from fleet.audit.audit import Audit, Report
-from fleet.audit.recorded import RecordedRun, open_run
+from fleet.audit.recorded import open_run
+from fleet.audit.replay import Audit, Report
 from fleet.interruption import Interruption
 from fleet.record.recording import Recorder
 from fleet.record.stream import BusMessage
@@ -62,68 +62,48 @@ def audited(path: Path) -> Report:
     return audit.report()
 
 
-def opened(folder: Path, experiment: Experiment, messages: Iterable[BusMessage]) -> RecordedRun:
-    return open_run(write(folder / "run.mcap", experiment, messages))
-
-
-class RealTime:
-    """A run in which robots may be late, though nothing takes any time.
+def as_in_real_time(experiment: Experiment, course: Iterable[Mapping[str, str]]) -> list[BusMessage]:
+    """A run in which robots may be late, though nothing takes any time, until it is interrupted.
 
     Args:
         experiment: what is run.
+        course: by step, what a robot does: decides ``in time``; ``withdraws`` its command; is ``too late``
+            with a command on its way; is ``asleep``; or is ``restarted`` and then decides in time.
     """
+    facts, scenario = experiment.facts, experiment.scenario
+    keys = Keys(facts.run)
+    scene = scenario.scene(with_goals=facts.goals_are_exchanged)
+    world = World(scenario, seed=facts.seed, epoch=EPOCH)
+    said: list[tuple[str, Message]] = [(keys.scene, PublicScene(epoch=EPOCH, scene=scene))]
 
-    def __init__(self, experiment: Experiment) -> None:
-        self._facts, self._scenario = experiment.facts, experiment.scenario
-        self._keys = Keys(self._facts.run)
-        self._scene = self._scenario.scene(with_goals=self._facts.goals_are_exchanged)
-        self._world = World(self._scenario, seed=self._facts.seed, epoch=EPOCH)
-        self._agents = {robot.id: self._start(robot) for robot in self._scenario.robots}
+    def new_agent(robot: ScenarioRobot) -> Agent:
+        return agent_of(robot, scene, facts, lambda: 0.0, Deadline(lambda: 0.0, None))
 
-    def said(self, course: Iterable[Mapping[str, str]]) -> Iterator[tuple[str, Message]]:
-        """All messages, until it is interrupted.
+    def show() -> None:
+        said.extend((keys.pose(robot), observation) for robot, observation in world.observations().items())
+        said.append((keys.truth, world.truth()))
 
-        Args:
-            course: by step, what a robot does: decides ``in time``; ``withdraws`` its command; is ``too
-                late`` with a command on its way; is ``asleep``; or is ``restarted`` and then decides in time.
-        """
-        yield self._keys.scene, PublicScene(epoch=EPOCH, scene=self._scene)
-        for what in course:
-            yield from self._published()
-            commands: dict[str, Command] = {}
-            for robot in self._scenario.robots:
-                yield from self._answered(robot, what[robot.id], commands)
-            self._world.advance(commands)
-        yield from self._published()
-        self._world.interrupt()
-        yield self._keys.truth, self._world.truth()
-
-    def _start(self, robot: ScenarioRobot) -> Agent:
-        return agent_of(robot, self._scene, self._facts, lambda: 0.0, Deadline(lambda: 0.0, None))
-
-    def _published(self) -> Iterator[tuple[str, Message]]:
-        for robot, observation in self._world.observations().items():
-            yield self._keys.pose(robot), observation
-        yield self._keys.truth, self._world.truth()
-
-    def _answered(
-        self, robot: ScenarioRobot, what: str, commands: dict[str, Command]
-    ) -> Iterator[tuple[str, Message]]:
-        if what == "asleep":
-            return
-        if what == "restarted":
-            self._agents[robot.id] = self._start(robot)
-        agent = self._agents[robot.id]
-        decision = agent.decide(self._world.observations()[robot.id])
-        assert decision is not None
-        yield self._keys.mind(robot.id), decision.mind
-        if what == "withdraws":
-            agent.withdraw()
-            return
-        yield self._keys.command(robot.id), decision.command
-        if what != "too late":
-            commands[robot.id] = decision.command
-
-
-def as_in_real_time(experiment: Experiment, course: Iterable[Mapping[str, str]]) -> list[BusMessage]:
-    return [BusMessage(key, message, 0) for key, message in RealTime(experiment).said(course)]
+    agents = {robot.id: new_agent(robot) for robot in scenario.robots}
+    for whims in course:
+        show()
+        commands: dict[str, Command] = {}
+        for robot in scenario.robots:
+            whim = whims[robot.id]
+            if whim == "restarted":
+                agents[robot.id] = new_agent(robot)
+            if whim == "asleep":
+                continue
+            decision = agents[robot.id].decide(world.observations()[robot.id])
+            assert decision is not None
+            said.append((keys.mind(robot.id), decision.mind))
+            if whim == "withdraws":
+                agents[robot.id].withdraw()
+                continue
+            said.append((keys.command(robot.id), decision.command))
+            if whim != "too late":
+                commands[robot.id] = decision.command
+        world.advance(commands)
+    show()
+    world.interrupt()
+    said.append((keys.truth, world.truth()))
+    return [BusMessage(key, message, 0) for key, message in said]

@@ -54,37 +54,39 @@ def unspoken(*arguments: object) -> Result:
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
-def interrupting(*_: object) -> None:
-    """Ctrl-C."""
-    os.kill(os.getpid(), signal.SIGINT)
-
-
-@pytest.mark.parametrize("name", ["", "run.mcap"])
-def test_an_audit_shows_a_row_a_robot_and_what_follows(run: Path, name: str) -> None:
-    result = unspoken("audit", run / name)
+def test_an_audit_shows_a_row_a_robot_and_what_follows_and_writes_its_report(
+    run: Path, tmp_path: Path
+) -> None:
+    file = tmp_path / "audit.json"
+    result = unspoken("audit", run, "--json", file)
     assert result.exit_code == 0, result.output
     rows = [line.split() for line in result.stdout.splitlines() if line.split()[:1] in (["1"], ["2"])]
     assert rows == [[robot, str(STEPS), "yes", str(STEPS), "yes", "yes"] for robot in "12"]
     assert f"all {2 * STEPS} decisions" in result.stdout
     assert "The scene holds no goals" in result.stdout
-
-
-def test_an_audit_names_the_first_difference(tampered: Path) -> None:
-    result = unspoken("audit", tampered)
-    assert result.exit_code == 1, result.output
-    assert f"no, {STEPS - 1} of {STEPS}" in result.stdout
-    assert f"robot 2, step {STEP}, command turn_rate_radps: recorded 0.125, repeated " in result.stdout
-
-
-def test_the_report_goes_to_a_file_or_to_the_standard_output(run: Path, tmp_path: Path) -> None:
-    file = tmp_path / "audit.json"
-    assert unspoken("audit", run, "--json", file).exit_code == 0
-    printed = unspoken("audit", run, "--json", "-")
+    printed = unspoken("audit", run / "run.mcap", "--json", "-")
     report = json.loads(printed.stdout)
     assert report == json.loads(file.read_text(encoding="utf-8"))
     assert "Everything follows" in printed.stderr
     assert (report["schema"], report["result"], report["differences"]) == (1, "follows", [])
     assert [robot["commands"] for robot in report["robots"]] == 2 * [{"recorded": STEPS, "identical": STEPS}]
+
+
+def test_audit_and_replay_name_the_first_difference(tampered: Path) -> None:
+    where = f"robot 2, step {STEP}, command turn_rate_radps: recorded 0.125, repeated "
+    result = unspoken("audit", tampered)
+    assert result.exit_code == 1, result.output
+    assert f"no, {STEPS - 1} of {STEPS}" in result.stdout
+    assert where in result.stdout
+    result = unspoken("replay", tampered, "--robot", "2", "--steps")
+    assert result.exit_code == 1, result.output
+    assert where in result.stdout
+    lines = {line.split()[0]: line for line in result.stdout.splitlines() if line.split()[0].isdigit()}
+    assert len(lines) == STEPS
+    assert [step for step, line in lines.items() if "no: command" in line] == [str(STEP)]
+    result = unspoken("replay", tampered, "--robot", "1")
+    assert result.exit_code == 0, "the other robot saw what it had seen"
+    assert f"All {STEPS} decisions of robot 1 follow" in result.stdout
 
 
 def test_where_the_report_cannot_be_written_nothing_is_repeated(run: Path, tmp_path: Path) -> None:
@@ -109,9 +111,8 @@ def test_what_is_no_recording_is_refused_in_a_line(tmp_path: Path, command: tupl
 
 def test_a_scenario_in_a_recording_that_is_none_is_refused(tmp_path: Path) -> None:
     experiment = experiment_of(tmp_path)
-    messages = simulated(experiment)
     experiment.path.write_text("name: 3", encoding="utf-8")
-    write(tmp_path / "run.mcap", experiment, messages)
+    write(tmp_path / "run.mcap", experiment, [])
     result = unspoken("audit", tmp_path)
     assert result.exit_code == 2
     assert "the scenario attached to the recording cannot be used" in result.stderr
@@ -121,26 +122,13 @@ def test_a_scenario_in_a_recording_that_is_none_is_refused(tmp_path: Path) -> No
 def test_ctrl_c_ends_it_in_order(
     run: Path, command: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def interrupting(*_: object) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+
     monkeypatch.setattr("fleet.audit.command.compile_solver", interrupting)
     result = unspoken(*command, run)
     assert result.exit_code == 1, result.output
     assert "Interrupted" in result.stdout
-
-
-def test_a_replay_tells_that_every_decision_is_the_same(run: Path) -> None:
-    result = unspoken("replay", run, "--robot", "2")
-    assert result.exit_code == 0, result.output
-    assert f"All {STEPS} decisions of robot 2 follow" in result.stdout
-
-
-def test_a_replay_names_the_first_difference(tampered: Path) -> None:
-    result = unspoken("replay", tampered, "--robot", "2", "--steps")
-    assert result.exit_code == 1, result.output
-    assert f"robot 2, step {STEP}, command turn_rate_radps: recorded 0.125, repeated " in result.stdout
-    lines = {line.split()[0]: line for line in result.stdout.splitlines() if line.split()[0].isdigit()}
-    assert len(lines) == STEPS
-    assert [step for step, line in lines.items() if "no: command" in line] == [str(STEP)]
-    assert unspoken("replay", tampered, "--robot", "1").exit_code == 0, "the other robot saw what it had seen"
 
 
 def test_each_step_of_a_replay_is_a_line_also_one_whose_command_was_withdrawn(tmp_path: Path) -> None:
@@ -154,38 +142,30 @@ def test_each_step_of_a_replay_is_a_line_also_one_whose_command_was_withdrawn(tm
     assert ["late: withdrawn" in line for line in steps] == [False, True, False]
 
 
-def test_an_unknown_robot_is_refused_with_the_names_of_those_there_are(run: Path) -> None:
+def test_an_unknown_robot_or_step_is_refused_with_those_there_are(run: Path) -> None:
     result = unspoken("replay", run, "--robot", "9")
     assert result.exit_code == 2
     assert "this run has no robot '9'; its robots are 1, 2" in result.stderr
+    result = unspoken("replay", run, "--robot", "1", "--debug-at", STEPS + 5)
+    assert result.exit_code == 2
+    made = f"it made them from step 0 to {STEPS - 1}"
+    assert f"no decision at step {STEPS + 5} of this run; {made}" in result.stderr
 
 
-def test_the_debugger_is_entered_before_one_decision(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_debugger_is_entered_before_one_decision_and_whoever_quits_it_ends_the_replay(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     entered = []
 
     def enter() -> None:
         around = sys._getframe(1).f_locals
         entered.append((around["observation"].step, type(around["agent"]).__name__))
+        if len(entered) == 2:
+            raise BdbQuit
 
     monkeypatch.setattr(sys, "breakpointhook", enter)
     assert unspoken("replay", run, "--robot", "1", "--debug-at", STEP).exit_code == 0
     assert entered == [(STEP, "Agent")]
-
-
-def test_whoever_quits_the_debugger_ends_the_replay(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def quit_debugger() -> None:
-        raise BdbQuit
-
-    monkeypatch.setattr(sys, "breakpointhook", quit_debugger)
     result = unspoken("replay", run, "--robot", "1", "--debug-at", STEP)
     assert result.exit_code == 1
     assert f"Interrupted: {STEP} of {STEPS} decisions" in result.stdout
-
-
-def test_the_debugger_is_not_promised_where_there_is_no_decision(run: Path) -> None:
-    result = unspoken("replay", run, "--robot", "1", "--debug-at", STEPS + 5)
-    assert result.exit_code == 2
-    assert (
-        f"no decision at step {STEPS + 5} of this run; it made them from step 0 to {STEPS - 1}"
-        in result.stderr
-    )
