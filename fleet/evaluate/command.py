@@ -16,7 +16,7 @@ from agent.process.options import checked_goals
 from agent.solve import SolverName
 from chassis.refusal import ExitStatus, Refusal
 from fleet.evaluate.evaluation import GRAMMAR, Evaluation, levels_in
-from fleet.evaluate.results import Results, Row
+from fleet.evaluate.results import Results, Row, open_results
 from fleet.interruption import Interruption
 from fleet.record.machine import this_machine
 from fleet.record.tables import new_table, number
@@ -101,10 +101,8 @@ def evaluate(
     with an exception, or the rest could not be made.
     """
     if workers is not None and dask is not None:
-        raise typer.BadParameter(
-            "the cluster of --dask has its own workers; leave out one of --workers and --dask",
-            param_hint="--workers",
-        )
+        said = "the cluster of --dask has its own workers; leave out one of --workers and --dask"
+        raise typer.BadParameter(said, param_hint="--workers")
     loaded = load_suite(suite)
     evaluation = Evaluation(
         suite=loaded.name,
@@ -114,11 +112,11 @@ def evaluate(
         noise=tuple(noise.split(",")),
         machine=this_machine(),
         begun=datetime.now().astimezone().replace(microsecond=0),
-        scenarios=dict(loaded.scenarios),
+        scenarios=loaded.scenarios,
     )
     directory = out or Path("runs") / f"evaluation-{loaded.name}-{datetime.now():%Y%m%d-%H%M%S}"
     total = sum(1 for _ in evaluation.runs())
-    with Results(directory, evaluation) as results, Interruption() as interruption:
+    with open_results(directory, evaluation) as results, Interruption() as interruption:
         try:
             _make_missing(evaluation, results, workers or CORES, dask, interruption)
         except KeyboardInterrupt:
@@ -128,7 +126,7 @@ def evaluate(
                 ExitStatus.UNMET,
             ) from None
         finally:
-            _show(evaluation, results)
+            _show(evaluation, results, directory)
     if any(row.failed for row in results.rows.values()):
         raise typer.Exit(ExitStatus.FAILED)
 
@@ -142,23 +140,22 @@ def _make_missing(
         KeyboardInterrupt: interrupted.
         Refusal: the rest cannot be made.
     """
-    from fleet.evaluate.running import existing_cluster, local_cluster, rows  # Dask takes long to import
+    from fleet.evaluate.running import execute, existing_cluster, local_cluster, outcomes  # takes long
 
-    errors = Console(stderr=True, highlight=False)
     runs = list(evaluation.runs())
     missing = [run for run in runs if run.key not in results.rows]
     there = len(runs) - len(missing)
     if evaluation.spared_seeds:
-        _say(
-            errors,
+        typer.echo(
             f"Without noise all seeds give the same run: seed 0 only for {evaluation.spared_seeds} of "
             f"{len(evaluation.scenarios) * len(evaluation.noise)} scenarios and levels of noise",
+            err=True,
         )
     if there:
-        _say(errors, f"{there} of {len(runs)} runs are there already")
+        typer.echo(f"{there} of {len(runs)} runs are there already", err=True)
     if not missing:
         return
-    with progress_of_many(errors) as progress:
+    with progress_of_many(Console(stderr=True, highlight=False)) as progress:
         if dask is None:
             line = progress.add_task(announced("starting"), total=None, failed="")
             compile_solver(interruption)
@@ -166,59 +163,45 @@ def _make_missing(
         failed = sum(row.failed for row in results.rows.values())
         with existing_cluster(dask) if dask else local_cluster(min(workers, len(missing))) as client:
             line = progress.add_task("runs", total=len(runs), completed=there, failed=f"{failed} failed")
-            for row in rows(client, missing, interruption):
+            for row in outcomes(client, missing, execute, Row.without_result, interruption):
                 results.add(row)
                 failed += row.failed
                 progress.update(line, advance=1, failed=f"{failed} failed")
 
 
-def _show(evaluation: Evaluation, results: Results) -> None:
+def _show(evaluation: Evaluation, results: Results, directory: Path) -> None:
     """The table of all finished runs, in the order of the evaluation, and where they are."""
-    console = Console(highlight=False, width=max(Console().width, WIDTH))
+    console = Console(highlight=False)
     done = [results.rows[run.key] for run in evaluation.runs() if run.key in results.rows]
     if done:
-        console.print(method_table(done))
-    files = ", ".join(sorted(path.name for path in results.directory.iterdir()))
-    _say(console, f"Results in {results.directory}: {files}")
+        console.print(method_table(done), width=max(console.width, WIDTH))
+    typer.echo(f"Results in {directory}: {', '.join(sorted(path.name for path in directory.iterdir()))}")
 
 
 def method_table(rows: Sequence[Row]) -> Table:
     """One line per method and level of noise; medians over the runs in which all robots arrived."""
-    table = new_table(
-        "Medians over the runs in which all arrived",
-        "Method",
-        "Noise",
-        "Runs",
-        "All\narrived",
-        "Collided",
-        "Failed",
-        "Duration\nin s",
-        "Mean robot\nin s",
-        "Decide CPU\nms, p99",
-        names=2,
-    )
+    counted = "Runs", "All\narrived", "Collided", "Failed"
+    measured = "Duration\nin s", "Mean robot\nin s", "Decide CPU\nms, p99"
+    title = "Medians over the runs in which all arrived"
+    table = new_table(title, "Method", "Noise", *counted, *measured, names=2)
     for method, noise in dict.fromkeys((row.method, row.noise) for row in rows):
         group = [row for row in rows if (row.method, row.noise) == (method, noise)]
         durations_s = _known(row.duration_s for row in group)
         robot_durations_s = _known(row.robot_duration_mean_s for row in group)
-        table.add_row(
-            method,
-            noise,
-            str(len(group)),
-            str(len(durations_s)),
-            str(sum(bool(row.collisions) for row in group)),
-            str(sum(row.failed for row in group)),
-            number(median(durations_s) if durations_s else None),
-            number(median(robot_durations_s) if robot_durations_s else None),
-            number(max(_known(row.decide_cpu_p99_ms for row in group), default=None)),
+        counts = (
+            len(group),
+            len(durations_s),
+            sum(bool(row.collisions) for row in group),
+            sum(row.failed for row in group),
         )
+        figures = (
+            median(durations_s) if durations_s else None,
+            median(robot_durations_s) if robot_durations_s else None,
+            max(_known(row.decide_cpu_p99_ms for row in group), default=None),
+        )
+        table.add_row(method, noise, *map(str, counts), *map(number, figures))
     return table
 
 
 def _known(values: Iterable[float | None]) -> list[float]:
     return [value for value in values if value is not None]
-
-
-def _say(console: Console, text: str) -> None:
-    """Long lines hold paths, which are not to be broken."""
-    console.print(text, markup=False, soft_wrap=True)

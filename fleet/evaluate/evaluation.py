@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from datetime import datetime
 from importlib.metadata import version
 from typing import Annotated, Any, Literal, NamedTuple
@@ -20,13 +21,13 @@ AS_IN_THE_FILE = "none"
 """This level leaves a scenario's sensing as its file says."""
 LEVELS = {
     name: {
-        "position_noise_m": 0.02 * factor,
-        "heading_noise_rad": math.radians(2.0) * factor,
-        "speed_noise_mps": 0.05 * factor,
+        "position_noise_m": str(0.02 * factor),
+        "heading_noise_rad": str(math.radians(2.0) * factor),
+        "speed_noise_mps": str(0.05 * factor),
     }
     for name, factor in (("low", 1.0), ("medium", 2.0), ("high", 4.0))
 }
-"""Fields of sensing, by the names of levels of noise."""
+"""Fields of sensing and their values, by the names of levels of noise."""
 GRAMMAR = (
     f"levels with commas between, each {AS_IN_THE_FILE} or made of {', '.join(LEVELS)} and FIELD=VALUE "
     "with + between, such as low+dropout=0.3"
@@ -40,29 +41,22 @@ def sensing_of(level: str) -> Sensing:
         ValueError: a part of it is neither a name nor a field of sensing with a value in its range, or a
             field is set twice.
     """
-    settings: dict[str, Any] = {}
+    settings: dict[str, str] = {}
     for part in level.split("+"):
         name, equals, value = part.partition("=")
-        fields = {name: _number(name, value)} if equals else LEVELS.get(name)
+        if equals and name not in Sensing.model_fields:
+            raise ValueError(f"{name!r} found, one of {', '.join(Sensing.model_fields)} is expected before =")
+        fields = {name: value} if equals else LEVELS.get(name)
         if fields is None:
             raise ValueError(f"{part!r} found, one of {', '.join(LEVELS)} or FIELD=VALUE is expected")
         if again := settings.keys() & fields.keys():
             raise ValueError(f"{level!r} says {min(again)} twice")
         settings |= fields
     try:
-        return Sensing.model_validate(settings)
+        return Sensing.model_validate_strings(settings)
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]
-        raise ValueError(f"{level!r}: {first['loc'][0]}: {first['msg']}, found {first['input']!r}") from None
-
-
-def _number(name: str, text: str) -> float | int:
-    if name not in Sensing.model_fields:
-        raise ValueError(f"{name!r} found, one of {', '.join(Sensing.model_fields)} is expected before =")
-    try:
-        return int(text) if text.isdecimal() else float(text)
-    except ValueError:
-        raise ValueError(f"{name}={text} found, a number is expected after =") from None
+        raise ValueError(f"{level!r}: {first['loc'][0]}: {first['msg']}, found {first['input']}") from None
 
 
 def _checked(level: str) -> str:
@@ -85,11 +79,7 @@ def levels_in(text: str) -> tuple[str, ...]:
 
 
 def with_noise(scenario: Scenario, level: str) -> Scenario:
-    """The scenario with this level of sensing for every robot.
-
-    Raises:
-        ValueError: the level cannot be understood.
-    """
+    """The scenario with this level of sensing for every robot."""
     if level == AS_IN_THE_FILE:
         return scenario
     robots = [robot.model_copy(update={"sensing": None}) for robot in scenario.robots]
@@ -107,28 +97,27 @@ class RunKey(NamedTuple):
 
     scenario: str
     """The stem of its file."""
-    method: str
-    solver: str
+    method: GoalsName
+    solver: SolverName
     noise: str
     seed: int
 
 
-class Run(Record):
+@dataclass(frozen=True)
+class Run:
     """One run to be made."""
 
     key: RunKey
     scenario: Scenario
     """With its noise."""
-    goals: GoalsName
-    solver: SolverName
 
     @property
     def facts(self) -> RunFacts:
         """How it is made."""
         return RunFacts(
             scenario=self.scenario.name,
-            goals=self.goals,
-            solver=self.solver,
+            goals=self.key.method,
+            solver=self.key.solver,
             clock=VIRTUAL,
             seed=self.key.seed,
             faults=len(self.scenario.faults),
@@ -170,9 +159,8 @@ class Evaluation(Record):
             for level in self.noise:
                 noisy = with_noise(scenario, level)
                 for seed in range(self.seeds if needs_seeds(noisy) else 1):
-                    for goals in self.goals:
-                        key = RunKey(stem, goals, self.solver, level, seed)
-                        yield Run(key=key, scenario=noisy, goals=goals, solver=self.solver)
+                    for method in self.goals:
+                        yield Run(RunKey(stem, method, self.solver, level, seed), noisy)
 
     @property
     def spared_seeds(self) -> int:
@@ -184,21 +172,18 @@ class Evaluation(Record):
 
     def differences(self, other: "Evaluation") -> list[str]:
         """Why the runs of another evaluation do not belong to this one; the machine may be another one."""
-        mine, others = self._identity(), other._identity()
-        return [
-            *(
-                f"{name}: {mine[name]} there, {others[name]} here"
-                for name in mine
-                if mine[name] != others[name]
-            ),
-            *(
-                f"scenario {stem}: {self._how_changed(stem, other)}"
-                for stem in {**self.scenarios, **other.scenarios}
-                if self.scenarios.get(stem) != other.scenarios.get(stem)
-            ),
+        there, here = self._settings(), other._settings()
+        said = [
+            f"{name}: {there[name]} there, {here[name]} here" for name in there if there[name] != here[name]
         ]
+        for stem in {**self.scenarios, **other.scenarios}:
+            mine, theirs = self.scenarios.get(stem), other.scenarios.get(stem)
+            if mine != theirs:
+                how = "here only" if mine is None else "there only" if theirs is None else "changed"
+                said.append(f"scenario {stem}: {how}")
+        return said
 
-    def _identity(self) -> dict[str, object]:
+    def _settings(self) -> dict[str, object]:
         return {
             "suite": self.suite,
             "goals": ",".join(self.goals),
@@ -208,8 +193,3 @@ class Evaluation(Record):
             "version": self.machine.version,
             "commit": self.machine.commit,
         }
-
-    def _how_changed(self, stem: str, other: "Evaluation") -> str:
-        if stem not in self.scenarios:
-            return "here only"
-        return "changed" if stem in other.scenarios else "there only"

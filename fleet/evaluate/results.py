@@ -4,16 +4,18 @@ import csv
 import fcntl
 import io
 import os
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, BinaryIO, Self
 
 from pydantic import Field, ValidationError
 
+from agent.estimate import GoalsName
+from agent.solve import SolverName
 from chassis.files import write_whole
 from chassis.refusal import ExitStatus, Refusal
-from fleet.evaluate.evaluation import Evaluation, NoiseLevel, RunKey
+from fleet.evaluate.evaluation import Evaluation, NoiseLevel, Run, RunKey
 from fleet.record.report_file import Record
 from fleet.record.summary import Summary
 
@@ -37,9 +39,9 @@ class Row(Record):
     scenario: Line
     """The stem of its file."""
     robots: int
-    method: Line
+    method: GoalsName
     """How the robots come to know goals."""
-    solver: Line
+    solver: SolverName
     noise: NoiseLevel
     seed: int
     verdict: Line
@@ -90,27 +92,23 @@ class Row(Record):
         return self.verdict == FAILED
 
     @classmethod
-    def finished(cls, key: RunKey, summary: Summary, cpu_s: float, wall_s: float) -> Self:
-        """The row of a run that has come to a verdict.
+    def finished(cls, run: Run, summary: Summary, cpu_s: float, wall_s: float) -> Self:
+        """The row of a run that has come to a verdict, with the CPU and the wall-clock time that it took.
 
-        Args:
-            key: which run it is.
-            summary: of the run; its decisions were timed with the thread's CPU clock.
-            cpu_s: of the whole run.
-            wall_s: of the whole run.
+        The decisions in its summary were timed with the thread's CPU clock.
         """
         arrivals_s = [robot.arrived_s for robot in summary.robots if robot.arrived_s is not None]
         robots = len(summary.robots)
         driven_m = sum(robot.driven_m for robot in summary.robots)
-        timings_ms = {
-            f"{phase}_cpu_{statistic}_ms": value
-            for phase, durations in summary.phases_ms.model_dump().items()
-            for statistic, value in durations.items()
-        }
         same = "verdict duration_s minimum_distance_m collisions steps solver_failures clipped_commands"
         return cls(
-            **key._asdict(),
+            **run.key._asdict(),
             **{name: getattr(summary, name) for name in same.split()},
+            **{
+                f"{phase}_cpu_{statistic}_ms": value
+                for phase, durations in summary.phases_ms
+                for statistic, value in durations
+            },
             robots=robots,
             arrived=len(arrivals_s),
             robot_duration_mean_s=sum(arrivals_s) / robots if len(arrivals_s) == robots else None,
@@ -118,62 +116,25 @@ class Row(Record):
             robot_driven_mean_m=driven_m / robots,
             cpu_s=cpu_s,
             wall_s=wall_s,
-            **timings_ms,
         )
 
     @classmethod
-    def without_result(cls, key: RunKey, robots: int, reason: str) -> Self:
+    def without_result(cls, run: Run, reason: str) -> Self:
         """The row of a run that failed, for a reason that is put on one line."""
         line = " ".join(reason.split())[:_LONGEST_REASON]
-        return cls(**key._asdict(), robots=robots, verdict=FAILED, reason=line)
+        robots = len(run.scenario.robots)
+        return cls(**run.key._asdict(), robots=robots, verdict=FAILED, reason=line)
 
 
 COLUMNS = tuple(Row.model_fields)
 
 
 class Results:
-    """The directory of an evaluation while it goes on; a context manager.
+    """The table of an evaluation that goes on: the finished runs by key, and where more are kept."""
 
-    Args:
-        directory: made if need be; one that holds runs of the same evaluation is resumed.
-        evaluation: what is evaluated.
-
-    Attributes:
-        rows: the runs that are finished, by key.
-    """
-
-    def __init__(self, directory: Path, evaluation: Evaluation) -> None:
-        self.directory = directory
-        self._evaluation = evaluation
+    def __init__(self, path: Path, file: BinaryIO) -> None:
+        self._path, self._file = path, file
         self.rows: dict[RunKey, Row] = {}
-
-    def __enter__(self) -> Self:
-        """Make the directory or read what is in it.
-
-        Raises:
-            Refusal: it cannot be used, or belongs to a different evaluation or one that is going on.
-        """
-        try:
-            self.directory.mkdir(parents=True, exist_ok=True)
-            if any(self.directory.iterdir()):
-                self._expect_same_evaluation()
-            else:
-                text = self._evaluation.model_dump_json(by_alias=True, indent=2)
-                write_whole(self.directory / EXPERIMENT, text + "\n")
-            self._file = (self.directory / RUNS).open("a+b")
-        except OSError as error:
-            raise Refusal(f"{self.directory} cannot be used for results: {error.strerror}") from None
-        try:
-            self._resume()
-        except BaseException:
-            self._file.close()
-            raise
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        """Close the table; every row of it is on the disk already, or was refused."""
-        with suppress(OSError):
-            self._file.close()
 
     def add(self, row: Row) -> None:
         """Keep a finished run for good.
@@ -184,28 +145,12 @@ class Results:
         self._write(row.model_dump().values())
         self.rows[row.key] = row
 
-    def _expect_same_evaluation(self) -> None:
-        differences = read_evaluation(self.directory).differences(self._evaluation)
-        if differences:
-            raise Refusal(
-                f"{self.directory} holds a different evaluation:\n"
-                + "\n".join(f"  {difference}" for difference in differences)
-                + "\nChoose another directory with --out, or repeat what is there."
-            )
-
-    def _resume(self) -> None:
+    def resume(self) -> None:
         """Take what is finished and cut off what was not written to its end."""
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise Refusal(
-                f"{self.directory}: another evaluation is writing there; wait for its end, or choose another "
-                "directory with --out"
-            ) from None
         self._file.seek(0)
         whole = _whole_lines(self._file.read())
         self._file.truncate(len(whole))
-        self.rows = {row.key: row for row in _parsed(whole, self.directory / RUNS)}
+        self.rows = {row.key: row for row in _parsed(whole, self._path)}
         if not whole:
             self._write(COLUMNS)
 
@@ -217,8 +162,44 @@ class Results:
             self._file.flush()
             os.fsync(self._file.fileno())
         except OSError as error:
-            sentence = f"{self.directory / RUNS}: cannot be written: {error.strerror}"
-            raise Refusal(sentence, ExitStatus.FAILED) from None
+            raise Refusal(f"{self._path}: cannot be written: {error.strerror}", ExitStatus.FAILED) from None
+
+
+@contextmanager
+def open_results(directory: Path, evaluation: Evaluation) -> Iterator[Results]:
+    """The results in a directory, which is made if need be; one with runs of this evaluation is resumed.
+
+    Raises:
+        Refusal: it cannot be used, or belongs to a different evaluation or one that is going on.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        if not any(directory.iterdir()):
+            text = evaluation.model_dump_json(by_alias=True, indent=2)
+            write_whole(directory / EXPERIMENT, text + "\n")
+        elif differences := read_evaluation(directory).differences(evaluation):
+            raise Refusal(
+                f"{directory} holds a different evaluation:\n"
+                + "\n".join(f"  {difference}" for difference in differences)
+                + "\nChoose another directory with --out, or repeat what is there."
+            )
+        file = (directory / RUNS).open("a+b")
+    except OSError as error:
+        raise Refusal(f"{directory} cannot be used for results: {error.strerror}") from None
+    try:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise Refusal(
+                f"{directory}: another evaluation is writing there; wait for its end, or choose another "
+                "directory with --out"
+            ) from None
+        results = Results(directory / RUNS, file)
+        results.resume()
+        yield results
+    finally:
+        with suppress(OSError):  # every row is on the disk already, or was refused
+            file.close()
 
 
 def read_evaluation(directory: Path) -> Evaluation:

@@ -42,21 +42,17 @@ R = TypeVar("R")
 def execute(run: Run) -> Row:
     """Drive a scenario to its verdict in this process; an exception on the way becomes a failed row."""
     try:
-        make_ready(run.goals, run.solver)
-        return _drive(run)
+        make_ready(run.key.method, run.key.solver)
+        tally = Tally()
+        cpu_s, wall_s = time.thread_time(), time.perf_counter()
+        for moment in closed_loop(run.scenario, run.facts, time.thread_time):
+            tally.add(moment.truth)
+            for decision in moment.decisions.values():
+                tally.add(decision.mind)
+        cpu_s, wall_s = time.thread_time() - cpu_s, time.perf_counter() - wall_s
+        return Row.finished(run, tally.summary(run.facts), cpu_s, wall_s)
     except Exception as error:  # whatever it is, the other runs go on
-        return Row.without_result(run.key, len(run.scenario.robots), described(error))
-
-
-def _drive(run: Run) -> Row:
-    tally = Tally()
-    cpu_s, wall_s = time.thread_time(), time.perf_counter()
-    for moment in closed_loop(run.scenario, run.facts, time.thread_time):
-        tally.add(moment.truth)
-        for decision in moment.decisions.values():
-            tally.add(decision.mind)
-    cpu_s, wall_s = time.thread_time() - cpu_s, time.perf_counter() - wall_s
-    return Row.finished(run.key, tally.summary(run.facts), cpu_s, wall_s)
+        return Row.without_result(run, described(error))
 
 
 @cache
@@ -121,15 +117,6 @@ def existing_cluster(address: str) -> Iterator[Client]:
         yield client
 
 
-def rows(client: Client, runs: Iterable[Run], interruption: Interruption) -> Iterator[Row]:
-    """The rows of these runs; see ``outcomes``."""
-
-    def without_result(run: Run, reason: str) -> Row:
-        return Row.without_result(run.key, len(run.scenario.robots), reason)
-
-    return outcomes(client, runs, execute, without_result, interruption)
-
-
 def outcomes(
     client: Client,
     jobs: Iterable[J],
@@ -139,18 +126,12 @@ def outcomes(
 ) -> Iterator[R]:
     """What comes of these jobs, in the order in which they are finished.
 
-    A job whose worker dies is done again elsewhere; after some times, Dask gives it up and it has failed.
-
-    Args:
-        client: of the cluster.
-        jobs: what to do.
-        make: does one of them, on a worker.
-        without_result: what came of a job that failed, with the reason.
-        interruption: looked at while waiting.
+    A worker does ``make`` of a job. A job whose worker dies is done again elsewhere; after some times, Dask
+    gives it up, and what comes of it is ``without_result`` of the job and the reason.
 
     Raises:
         KeyboardInterrupt: an interruption came.
-        Refusal: the cluster has gone.
+        Refusal: the cluster has gone, or has dropped the jobs.
     """
     jobs_by_future = {client.submit(make, job, pure=False): job for job in jobs}
     finished: queue.SimpleQueue[Future[R]] = queue.SimpleQueue()
@@ -158,38 +139,33 @@ def outcomes(
         future.add_done_callback(finished.put)
     try:
         while jobs_by_future:
-            future = _next(finished, client, interruption)
-            result = _result(future, jobs_by_future[future], without_result)
-            if result is None:
+            if interruption.requested:
+                raise KeyboardInterrupt
+            if client.status != "running":
+                raise Refusal("the Dask cluster has gone", ExitStatus.FAILED)
+            try:
+                future = finished.get(timeout=LOOK_S)
+            except queue.Empty:
+                continue
+            try:
+                outcome = _outcome(future, jobs_by_future[future], without_result)
+            except TimeoutError:  # it has to be fetched or, its worker having died, done again
                 finished.put(future)
             else:
                 del jobs_by_future[future]
-                yield result
+                yield outcome
     finally:
         if client.status == "running":
             client.cancel(list(jobs_by_future))
 
 
-def _next(finished: "queue.SimpleQueue[Future[R]]", client: Client, interruption: Interruption) -> Future[R]:
-    while True:
-        if interruption.requested:
-            raise KeyboardInterrupt
-        if client.status != "running":
-            raise Refusal("the Dask cluster has gone", ExitStatus.FAILED)
-        try:
-            return finished.get(timeout=LOOK_S)
-        except queue.Empty:
-            continue
-
-
-def _result(future: "Future[R]", job: J, without_result: Callable[[J, str], R]) -> R | None:
-    """What came of a job; None while it has to be fetched or, its worker having died, done again."""
+def _outcome(future: "Future[R]", job: J, without_result: Callable[[J, str], R]) -> R:
     if future.cancelled():
         raise Refusal("the Dask cluster has dropped the runs", ExitStatus.FAILED)
     try:
         return future.result(timeout=FETCH_S)
     except TimeoutError:
-        return None
+        raise
     except KilledWorker:
         return without_result(job, DIED)
     except Exception as error:  # such as one from a worker that lacks this software

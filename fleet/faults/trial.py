@@ -24,7 +24,7 @@ from fleet.interruption import Interruption
 from fleet.record.recording import RecordingError, read_recording
 from fleet.run.experiment import VIRTUAL, RunFacts
 from fleet.run.virtual import closed_loop
-from fleet.scenarios.families import FAMILIES
+from fleet.scenarios.suite import FAMILIES
 from protocol.scenario import scenario_text
 
 TIME_LIMIT_S = 40.0

@@ -1,24 +1,29 @@
 """``unspoken report``: reads an evaluation, drives its worst runs again, and writes the page."""
 
+import io
+import math
+import shlex
+import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import typer
 from rich.console import Console
-from rich.progress import Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from chassis.files import write_whole
 from chassis.refusal import ExitStatus, Refusal
-from fleet.evaluate.evaluation import Evaluation
-from fleet.evaluate.results import read_evaluation, read_rows
+from fleet.evaluate.results import DIED, FAILED, Row, read_evaluation, read_rows
 from fleet.interruption import Interruption
+from fleet.record.picture import Course, draw_paths
+from fleet.record.summary import Summary, Tally
 from fleet.report.data import Data
-from fleet.report.page import PREFIX, Page, compose
-from fleet.report.worst import driven_again, worst_runs
+from fleet.report.figures import Picture
+from fleet.report.page import PREFIX, Page, WorstRun, compose
 from fleet.run.experiment import SHARING
 from fleet.run.progress import announced, compile_solver
-from protocol.messages import Truth
+from fleet.run.virtual import closed_loop
 from protocol.scenario import scenario_text
 
 PAGE = "report.html"
@@ -48,18 +53,21 @@ def report(
     Exit status: 0 written; 1 interrupted, nothing written; 2 wrong usage, or there is nothing to report;
     3 the solver cannot be compiled, or the page cannot be written.
     """
-    errors = Console(stderr=True, highlight=False)
     data = _data(directory, against)
+    columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
     with Interruption() as interruption:
         try:
-            page, scenarios = _page(directory, data, worst, interruption, errors)
+            with Progress(*columns, console=Console(stderr=True, highlight=False)) as progress:
+                runs = _worst_runs_again(directory, data, worst, progress, interruption)
+                progress.add_task("composing the page", total=None)
+                page = compose(data, runs)
             if interruption.requested:
                 raise KeyboardInterrupt
         except KeyboardInterrupt:
             raise Refusal("Interrupted: no report was written", ExitStatus.UNMET) from None
-        written = _write(directory, page, scenarios)
+        written = _write(directory, page, runs)
     for remark in page.remarks:
-        errors.print(remark, markup=False, soft_wrap=True)
+        typer.echo(remark, err=True)
     typer.echo(f"Report in {directory / PAGE}; beside it: {', '.join(written)}")
 
 
@@ -72,53 +80,149 @@ def _data(directory: Path, against: str | None) -> Data:
             f"{directory}: not one run of this evaluation is finished, so there is nothing to report; the "
             "`unspoken evaluate` command that began it makes the missing runs"
         )
-    return Data(evaluation, rows, _reference(evaluation, against))
-
-
-def _reference(evaluation: Evaluation, against: str | None) -> str:
     if against is None:
-        return SHARING if SHARING in evaluation.goals else evaluation.goals[0]
-    if against not in evaluation.goals:
+        against = SHARING if SHARING in evaluation.goals else evaluation.goals[0]
+    elif against not in evaluation.goals:
         raise Refusal(
             f"--against: {against!r} found, one of the methods of this evaluation is expected: "
             f"{', '.join(evaluation.goals)}"
         )
-    return against
+    return Data(evaluation, rows, against)
 
 
-def _page(
-    directory: Path, data: Data, count: int, interruption: Interruption, errors: Console
-) -> tuple[Page, dict[str, str]]:
-    """The page, and the scenarios of the worst runs by the names of their files."""
-    columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
-    with Progress(*columns, console=errors) as progress:
-        chosen = worst_runs(data.rows, data.against, count)
-        if chosen:
-            line = progress.add_task(announced("driving the worst runs again"), total=None)
-            compile_solver(interruption)
-            progress.remove_task(line)
-        shown, scenarios = [], {}
-        for number, each in enumerate(chosen, 1):
-            run, title, name = data.runs[each.row.key], data.title_of(each.row), f"{PREFIX}worst-{number}"
-            scenarios[f"{name}.yaml"] = scenario_text(run.scenario)
-            begin = f"worst run {number} of {len(chosen)}: {title}"
-            line = progress.add_task(begin, total=None)
+class Worst(NamedTuple):
+    """One of the worst runs, and why it is."""
 
-            def show(truth: Truth, line: TaskID = line, begin: str = begin) -> None:
-                progress.update(line, description=f"{begin} · {truth.time_s:.1f} s")
-
-            shown.append(
-                driven_again(run, each, title, directory / name, show, lambda: interruption.requested)
-            )
-            progress.update(line, total=1, completed=1)
-        progress.add_task("composing the page", total=None)
-        return compose(data, shown), scenarios
+    row: Row
+    why: str
 
 
-def _write(directory: Path, page: Page, scenarios: dict[str, str]) -> Sequence[str]:
+def worst_runs(rows: Sequence[Row], against: str, count: int) -> list[Worst]:
+    """The worst runs first: failed ones, then with collisions, then without arrival, then the slowest.
+
+    Slow is what takes long beside the same scenario, noise and seed with the reference method ``against``.
+    """
+    base_s = {(row.scenario, row.noise, row.seed): row.duration_s for row in rows if row.method == against}
+    judged = [(row, *_judged(row, against, base_s.get((row.scenario, row.noise, row.seed)))) for row in rows]
+    judged.sort(key=lambda each: each[1])
+    return [Worst(row, why) for row, _, why in judged[:count]]
+
+
+def _judged(row: Row, against: str, base_s: float | None) -> tuple[tuple[float, ...], str]:
+    """How good a run is, the worst least, and what is to be said of it; the reference took ``base_s``."""
+    if row.failed:
+        return (0.0,), f"failed: {row.reason}"
+    nearest_m = math.inf if row.minimum_distance_m is None else row.minimum_distance_m
+    if row.collisions:
+        pairs = "1 pair of robots" if row.collisions == 1 else f"{row.collisions} pairs of robots"
+        return (1.0, -row.collisions, nearest_m), f"collision of {pairs}"
+    if row.duration_s is None:
+        arrived = row.arrived or 0
+        return (2.0, arrived / row.robots, nearest_m), (
+            f"{row.verdict}: {arrived} of {row.robots} robots arrived"
+        )
+    took = f"took {row.duration_s:.1f} s"
+    if not base_s:  # whoever starts at its goal arrives after 0 s
+        return (3.0, 0.0, -row.duration_s), took
+    ratio = row.duration_s / base_s
+    if row.method != against:
+        took += f", {ratio:.2f} times as long as with {against}"
+    return (3.0, -ratio, -row.duration_s), took
+
+
+def _worst_runs_again(
+    directory: Path, data: Data, count: int, progress: Progress, interruption: Interruption
+) -> list[WorstRun]:
+    """Drive the worst runs again, and show how far they are.
+
+    Raises:
+        KeyboardInterrupt: interrupted.
+        Refusal: the solver cannot be compiled.
+    """
+    chosen = worst_runs(data.rows, data.against, count)
+    if chosen:
+        line = progress.add_task(announced("driving the worst runs again"), total=None)
+        compile_solver(interruption)
+        progress.remove_task(line)
+    return [
+        _driven_again(
+            worst,
+            data,
+            directory / f"{PREFIX}worst-{number}",
+            f"worst run {number} of {len(chosen)}: {data.title_of(worst.row)}",
+            progress,
+            interruption,
+        )
+        for number, worst in enumerate(chosen, 1)
+    ]
+
+
+def _driven_again(
+    worst: Worst, data: Data, path: Path, begin: str, progress: Progress, interruption: Interruption
+) -> WorstRun:
+    """Drive one of the worst runs again for its picture; one that fails is drawn as far as it came.
+
+    Args:
+        worst: what came of it in the evaluation.
+        data: of which it is a part.
+        path: of its files, without their suffix.
+        begin: the line of progress begins so.
+        progress: where that is shown.
+        interruption: looked at once a step.
+
+    Raises:
+        KeyboardInterrupt: it was interrupted.
+    """
+    run, title = data.runs[worst.row.key], data.title_of(worst.row)
+    command = ["unspoken", "simulate", str(path.with_suffix(".yaml")), "--goals", run.key.method]
+    command += ["--solver", run.key.solver, "--seed", str(run.key.seed)]
+    plain = WorstRun(path.name, title, worst.why, shlex.join(command), scenario_text(run.scenario))
+    if worst.row.reason == DIED:
+        return plain._replace(remarks=["Not driven again for a picture: it might end this process too."])
+    line = progress.add_task(begin, total=None)
+    tally, course, failure = Tally(), Course(run.scenario.step_s), ""
+    try:
+        for moment in closed_loop(run.scenario, run.facts, time.thread_time, lambda: interruption.requested):
+            progress.update(line, description=f"{begin} · {moment.truth.time_s:.1f} s")
+            for message in (moment.truth, *(decision.mind for decision in moment.decisions.values())):
+                tally.add(message)
+                course.add(message)
+            if interruption.requested:
+                raise KeyboardInterrupt
+    except ModuleNotFoundError as error:  # the library of a baseline
+        return plain._replace(remarks=[f"Not driven again for a picture: {error} on this machine."])
+    except Exception as error:  # the very one that is looked for, or another one, which is reported
+        failure = f"{type(error).__name__}: {error}"
+    progress.update(line, total=1, completed=1)
+    summary = tally.summary(run.facts, FAILED)
+    png = io.BytesIO()
+    draw_paths(run.scenario, course, summary, png)
+    words = f"{title}: the ways driven, the robots, their goals and the estimates of these, at three times."
+    remarks = []
+    if differences := _differences(worst.row, summary):
+        remarks.append(
+            "The picture shows another run than the evaluation's: this software on this machine drives it "
+            f"with {', '.join(differences)}."
+        )
+    if failure and failure not in worst.why:
+        remarks.append(f"The run of the picture ended with {failure}.")
+    picture = Picture(path.with_suffix(".png").name, png.getvalue(), words)
+    return plain._replace(picture=picture, remarks=remarks)
+
+
+def _differences(row: Row, summary: Summary) -> list[str]:
+    """In what a run is not that of the evaluation; none where software and processor are the same."""
+    names = {"verdict": "verdict"}
+    if not row.failed:  # such a row holds nothing more
+        names |= {"duration": "duration_s", "smallest distance": "minimum_distance_m", "steps": "steps"}
+    both = {name: (getattr(row, field), getattr(summary, field)) for name, field in names.items()}
+    return [f"{name} {now} instead of {then}" for name, (then, now) in both.items() if then != now]
+
+
+def _write(directory: Path, page: Page, runs: Sequence[WorstRun]) -> list[str]:
     """Write the files beside the page first, then the page; what is left of an older report goes."""
     contents: dict[str, str | bytes] = {picture.file: picture.png for picture in page.pictures}
-    contents |= scenarios
+    contents |= {f"{run.name}.yaml": run.scenario for run in runs}
     try:
         for name, content in {**contents, PAGE: page.html}.items():
             write_whole(directory / name, content)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.stats import bootstrap
 
 from fleet.evaluate.evaluation import Evaluation, Run, RunKey
-from fleet.evaluate.results import COLUMNS, Row
+from fleet.evaluate.results import COLUMNS, FAILED, Row
 
 CONFIDENCE = 0.95
 RESAMPLES = 9999
@@ -62,17 +62,13 @@ def cpu_time(phase: str, statistic: str) -> Measure:
 
 @dataclass(frozen=True)
 class Level:
-    """All runs at one level of noise.
-
-    Attributes:
-        noise: the level.
-        methods: those with a run, in the order of the evaluation.
-        runs: one line each: the columns of ``runs.csv``, and ``all_arrived``, ``collided`` and ``failed``.
-    """
+    """All runs at one level of noise."""
 
     noise: str
     methods: Sequence[str]
+    """Those with a run, in the order of the evaluation."""
     runs: pd.DataFrame
+    """One line each: the columns of ``runs.csv``, ``all_arrived``, ``unfinished``, ``collided``, verdicts."""
 
     def values(self, measure: Measure) -> pd.DataFrame:
         """One value for each scenario (rows) and method (columns); NaN where there is none."""
@@ -90,17 +86,12 @@ class Level:
 
 @dataclass(frozen=True)
 class Data:
-    """An evaluation and the runs of it that are finished.
-
-    Attributes:
-        evaluation: what was to be run.
-        rows: what was, in the order of the evaluation.
-        against: the method with which the others are compared.
-    """
+    """An evaluation and the runs of it that are finished, in its order."""
 
     evaluation: Evaluation
     rows: Sequence[Row]
     against: str
+    """The method with which the others are compared."""
 
     @cached_property
     def runs(self) -> dict[RunKey, Run]:
@@ -116,14 +107,14 @@ class Data:
         frame["unfinished"] = frame["duration_s"].isna()
         frame["all_arrived"] = ~frame["unfinished"]
         frame["collided"] = frame["collisions"] > 0
-        frame["failed"] = [row.failed for row in self.rows]
-        levels = []
-        for noise in self.evaluation.noise:
-            runs = frame[frame["noise"] == noise]
-            methods = [method for method in self.evaluation.goals if (runs["method"] == method).any()]
-            if methods:
-                levels.append(Level(noise, methods, runs))
-        return levels
+        for verdict in ("deadlock", "timeout", FAILED):
+            frame[verdict] = frame["verdict"] == verdict
+        by_noise = {str(noise): runs for noise, runs in frame.groupby("noise")}
+        return [
+            Level(noise, [m for m in self.evaluation.goals if m in set(runs["method"])], runs)
+            for noise in self.evaluation.noise
+            if (runs := by_noise.get(noise)) is not None
+        ]
 
     def title_of(self, row: Row) -> str:
         """A run in words: scenario and method, and noise and seed where they matter."""

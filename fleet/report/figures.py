@@ -15,6 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
+from fleet.record.tables import number
 from fleet.report.data import (
     DRIVEN,
     DURATION,
@@ -39,12 +40,11 @@ GAP = 0.55
 INK, FRAME, RED = "0.25", "0.7", "#c1121f"
 COLOURS = ("#8ecae6", "#a7d49b", "#ffd166")
 """Of the boxes: the first two as light as the publication's blue and green."""
+WHISKER = {"color": INK, "linewidth": 0.9}
 DOT = {"marker": "o", "markersize": 3.2, "color": INK, "markeredgewidth": 0.0, "alpha": 0.6}
 BEYOND = {**DOT, "marker": ">", "markersize": 4.5}
-COLLISION = {**DOT, "marker": "X", "markersize": 6.5, "color": RED, "markeredgecolor": "white"}
-COLLISION |= {"markeredgewidth": 0.5, "alpha": 0.9}
-PUBLISHED = {"marker": "D", "markersize": 5.5, "color": "white", "markeredgecolor": "black"}
-PUBLISHED |= {"markeredgewidth": 1.2, "zorder": 5}
+COLLISION = {"marker": "X", "markersize": 6.5, "color": RED, "mec": "white", "mew": 0.5, "alpha": 0.9}
+PUBLISHED = {"marker": "D", "markersize": 5.5, "color": "white", "mec": "black", "mew": 1.2, "zorder": 5}
 GOLDEN = 0.6180339887498949
 """Multiples of it fill an interval evenly: dots are spread by it, the same way each time."""
 
@@ -66,28 +66,22 @@ class Picture(NamedTuple):
 
 @dataclass(frozen=True)
 class Chart:
-    """Box plots of one or several measures at one level of noise.
-
-    Attributes:
-        level: the runs.
-        title: what it shows.
-        axis: what the numbers are, with their unit.
-        boxes: the measures by what to call them; a box each in the row of each method.
-        mark: what the publication's marks are.
-        apart: whether each measure has an axis of its own.
-        line: a limit in red, and what it is.
-        most: where the axis ends; what lies beyond is marked there.
-        logarithmic: for what differs by orders of magnitude.
-    """
+    """Box plots of one or several measures at one level of noise."""
 
     level: Level
     title: str
     axis: str
+    """What the numbers are, with their unit."""
     boxes: Mapping[str, Measure]
+    """By what to call them; a box each in the row of each method."""
     mark: str = f"median of {SOURCE}"
+    """What the publication's marks are."""
     apart: bool = False
+    """Whether each measure has an axis of its own."""
     line: tuple[float, str] | None = None
+    """A limit in red, and what it is."""
     most: float = math.inf
+    """Where the axis ends; what lies beyond is marked there."""
     logarithmic: bool = False
 
     def png(self) -> bytes:
@@ -98,32 +92,26 @@ class Chart:
 
     def figure(self) -> Figure:
         """Boxes, dots and marks, with a legend of those that there are."""
-        rows = len(self.level.methods) * ((1 if self.apart else len(self.boxes)) + GAP)
+        groups = [[name] for name in self.boxes] if self.apart else [list(self.boxes)]
         figure = Figure(dpi=DOTS_PER_INCH, facecolor="white", layout="constrained")
         FigureCanvasAgg(figure)
-        columns = len(self.boxes) if self.apart else 1
-        all_axes = figure.subplots(1, columns, sharey=True, squeeze=False)[0]
         entries: dict[str, Any] = {}
-        for column, axes in enumerate(all_axes):
-            shown = list(self.boxes)[column : column + 1] if self.apart else list(self.boxes)
-            unit = self.boxes[shown[0]].unit
-            self._style(axes, len(shown), f"in {unit} {shown[0]}" if self.apart else self.axis)
-            for row, name in enumerate(shown):
-                self._draw(axes, name, row, len(shown), COLOURS[column + row])
+        all_axes = figure.subplots(1, len(groups), sharey=True, squeeze=False)[0]
+        for column, (axes, names) in enumerate(zip(all_axes, groups, strict=True)):
+            unit = self.boxes[names[0]].unit
+            self._style(axes, len(names), f"in {unit} {names[0]}" if self.apart else self.axis)
+            for row, name in enumerate(names):
+                self._draw(axes, name, row, len(names), COLOURS[column + row])
             handles, labels = axes.get_legend_handles_labels()
             entries |= dict(zip(labels, handles, strict=True))
         entries = dict(sorted(entries.items(), key=lambda entry: entry[0] not in self.boxes))
         figure.suptitle(self.title, x=0.012, ha="left", fontsize=11, fontweight="bold")
+        rows = len(self.level.methods) * (len(groups[0]) + GAP)
         lines = -(-len(entries) // 2)
         figure.set_size_inches(WIDTH_IN, AROUND_IN + ROW_IN * rows + LEGEND_LINE_IN * lines)
         if entries:
-            figure.legend(
-                *(list(entries.values()), list(entries)),
-                loc="outside lower left",
-                ncols=2,
-                frameon=False,
-                fontsize=8.5,
-            )
+            handles, labels = list(entries.values()), list(entries)
+            figure.legend(handles, labels, loc="outside lower left", ncols=2, frameon=False, fontsize=8.5)
         return figure
 
     def alternative(self) -> str:
@@ -131,7 +119,7 @@ class Chart:
         parts = []
         for name, measure in self.boxes.items():
             medians = self.level.values(measure).median().dropna()
-            shown = ", ".join(f"{method} {significant(value)}" for method, value in medians.items())
+            shown = ", ".join(f"{method} {number(value)}" for method, value in medians.items())
             parts.append(f"{name}: {shown or 'no values'}")
         return f"{self.title}: box plots of {self.axis}. Medians: {'; '.join(parts)}."
 
@@ -152,8 +140,8 @@ class Chart:
             patch_artist=True,
             boxprops={"facecolor": colour, "edgecolor": INK, "linewidth": 0.9},
             medianprops={"color": "black", "linewidth": 2.0},
-            whiskerprops={"color": INK, "linewidth": 0.9},
-            capprops={"color": INK, "linewidth": 0.9},
+            whiskerprops=WHISKER,
+            capprops=WHISKER,
             label=name if rows > 1 else None,
             zorder=2,
         )
@@ -207,12 +195,7 @@ def _arrived(level: Level, method: str) -> str:
 
 
 def charts(level: Level, scenarios: Collection[Scenario]) -> dict[str, Chart]:
-    """The charts of a level of noise, by a short name for files.
-
-    Args:
-        level: the runs.
-        scenarios: what was driven.
-    """
+    """The charts of a level of noise, at which these scenarios were driven, by a short name for files."""
     collision_m = collision_distance_m(scenarios)
     safe_m = max(2.0 * (r.radius_m + each.safety_margin_m) for each in scenarios for r in each.robots)
     return {
@@ -264,8 +247,3 @@ def collision_distance_m(scenarios: Iterable[Scenario]) -> float | None:
         for one, other in combinations(scenario.robots, 2)
     }
     return distances_m.pop() if len(distances_m) == 1 else None
-
-
-def significant(value: float) -> str:
-    """A number with the digits that matter."""
-    return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"

@@ -10,9 +10,8 @@ from rich.console import Console
 
 from fleet.inject.scenario import Scenario
 from fleet.record.tables import new_table
-from fleet.scenarios.families import FamilyName
+from fleet.scenarios.suite import FamilyName, load_suite, write_suite
 from fleet.scenarios.suite import generate as generated
-from fleet.scenarios.suite import load_suite, write_suite
 from protocol.scene import MAX_ROBOTS
 from scenarios import bundled_scenarios, bundled_suites
 
@@ -31,8 +30,8 @@ def list_bundled() -> None:
     """
     table = new_table("", "Name", "Scenarios", "Robots")
     for name in (*bundled_scenarios(), *bundled_suites()):
-        scenarios = [scenario for _, scenario in load_suite(name).scenarios]
-        table.add_row(name, str(len(scenarios)), _robots(scenarios))
+        scenarios = load_suite(name).scenarios
+        table.add_row(name, str(len(scenarios)), _robots(scenarios.values()))
     Console(highlight=False).print(table)
 
 

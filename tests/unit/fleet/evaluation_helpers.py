@@ -44,7 +44,7 @@ def evaluation_of(suite: Path | str, **choices: Any) -> Evaluation:
         "seeds": 1,
         "noise": ("none",),
         "machine": this_machine(),
-        "scenarios": dict(loaded.scenarios),
+        "scenarios": loaded.scenarios,
     }
     return Evaluation(**{**plain, **choices})
 
@@ -54,14 +54,17 @@ def unspoken_evaluate(*arguments: object) -> Result:
 
 
 class InThisProcess:
-    """What an evaluation needs of a Dask client; each run is made when it is submitted."""
+    """What an evaluation needs of a Dask client; each run is made when it is submitted, by ``make``."""
 
     status = "running"
 
-    def submit(self, function: Any, run: Any, **_options: object) -> "Future[Any]":
+    def __init__(self, make: Any) -> None:
+        self.make = make
+
+    def submit(self, _function: Any, run: Any, **_options: object) -> "Future[Any]":
         future: Future[Any] = Future()
         try:
-            future.set_result(function(run))
+            future.set_result(self.make(run))
         except Exception as error:
             future.set_exception(error)
         return future

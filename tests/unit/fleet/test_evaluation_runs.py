@@ -16,7 +16,6 @@ from agent.estimate.goals import Exchanged
 from agent.remember.memory import Memory
 from fleet.cli import app
 from fleet.evaluate.evaluation import levels_in, sensing_of, with_noise
-from fleet.evaluate.results import COLUMNS, Row
 from fleet.evaluate.running import execute
 from protocol.messages import Mind
 from protocol.scenario import Sensing
@@ -25,28 +24,29 @@ from scenarios import find
 PHASES = ("estimate", "predict", "plan", "decide")
 
 
-def test_there_is_one_run_for_every_scenario_method_seed_and_level_of_noise(tmp_path: Path):
-    suite = write_suite(tmp_path / "suite", "one", "two")
-    evaluation = evaluation_of(suite, seeds=3, noise=("low", "high"))
-    keys = [run.key for run in evaluation.runs()]
-    assert len(set(keys)) == len(keys) == 2 * 2 * 3 * 2
-    assert {key.scenario for key in keys} == {"one", "two"}
-    assert {key.seed for key in keys} == {0, 1, 2}
-    assert evaluation.spared_seeds == 0
-
-
-def test_without_noise_one_seed_stands_for_all(tmp_path: Path):
-    suite = write_suite(tmp_path / "suite", "one")
-    evaluation = evaluation_of(suite, seeds=3, noise=("none", "low"))
-    assert [run.key.seed for run in evaluation.runs() if run.key.noise == "none"] == [0, 0]
-    assert len([run for run in evaluation.runs() if run.key.noise == "low"]) == 6
-    assert evaluation.spared_seeds == 1
-
-
-@pytest.mark.parametrize("sensing", [{"speed_noise_mps": 0.1}, {"dropout": 0.5}])
-def test_a_scenario_with_noise_of_its_own_is_run_with_every_seed(tmp_path: Path, sensing: dict[str, float]):
-    suite = write_suite(tmp_path / "suite", "one", sensing=sensing)
-    assert len(list(evaluation_of(suite, seeds=3).runs())) == 2 * 3
+@pytest.mark.parametrize(
+    ("sensing", "levels", "seeds", "spared"),
+    [
+        ({}, ("low", "high"), {"low": 3, "high": 3}, 0),
+        ({}, ("none", "low"), {"none": 1, "low": 3}, 2),
+        ({"speed_noise_mps": 0.1}, ("none",), {"none": 3}, 0),
+        ({"dropout": 0.5}, ("none",), {"none": 3}, 0),
+        ({"delay_steps": 1}, ("none",), {"none": 1}, 2),
+    ],
+)
+def test_there_is_a_run_for_every_scenario_method_level_and_seed_but_one_seed_where_nothing_is_random(
+    tmp_path: Path, sensing, levels, seeds, spared
+):
+    suite = write_suite(tmp_path / "suite", "one", "two", sensing=sensing)
+    evaluation = evaluation_of(suite, seeds=3, noise=levels)
+    assert [run.key for run in evaluation.runs()] == [
+        (scenario, method, "realtime", level, seed)
+        for scenario in ("one", "two")
+        for level in levels
+        for seed in range(seeds[level])
+        for method in ("exchanged", "ioc")
+    ]
+    assert evaluation.spared_seeds == spared
 
 
 def test_a_level_of_noise_holds_for_every_robot_and_replaces_all_that_the_file_says(tmp_path: Path):
@@ -70,8 +70,6 @@ LOW = {"position_noise_m": 0.02, "heading_noise_rad": math.radians(2.0), "speed_
         ("low", LOW),
         ("medium", {name: 2.0 * value for name, value in LOW.items()}),
         ("high", {name: 4.0 * value for name, value in LOW.items()}),
-        ("dropout=0.3", {"dropout": 0.3}),
-        ("delay_steps=2", {"delay_steps": 2}),
         ("range_m=5", {"range_m": 5}),
         ("low+dropout=0.3+delay_steps=2", {**LOW, "dropout": 0.3, "delay_steps": 2}),
         ("position_noise_m=1e-2+speed_noise_mps=0", {"position_noise_m": 0.01}),
@@ -89,17 +87,14 @@ def test_a_list_of_levels_names_each_once():
     ("level", "told"),
     [
         ("deafening", "'deafening' found, one of low, medium, high or FIELD=VALUE is expected"),
-        ("", "'' found"),
         ("low+", "'' found"),
         ("none+low", "'none' found"),
         ("loudness=3", "'loudness' found, one of range_m, position_noise_m, "),
-        ("dropout=often", "dropout=often found, a number is expected after ="),
+        ("dropout=often", "'dropout=often': dropout: Input should be a valid number"),
         ("dropout=2", "'dropout=2': dropout: Input should be less than or equal to 1, found 2"),
-        ("delay_steps=1.5", "delay_steps: Input should be a valid integer, found 1.5"),
-        ("delay_steps=11", "delay_steps: Input should be less than or equal to 10, found 11"),
+        ("delay_steps=1.5", "delay_steps: Input should be a valid integer"),
         ("dropout=nan", "dropout: Input should be a finite number"),
         ("low+position_noise_m=0.1", "'low+position_noise_m=0.1' says position_noise_m twice"),
-        ("dropout=0.1+dropout=0.2", "says dropout twice"),
     ],
 )
 def test_a_level_that_cannot_be_understood_is_refused_with_what_is_expected(level, told):
@@ -107,17 +102,16 @@ def test_a_level_that_cannot_be_understood_is_refused_with_what_is_expected(leve
         levels_in(f"none,{level}")
 
 
-@pytest.mark.parametrize("goals", ["exchanged", "ioc"])
-def test_a_row_says_what_a_simulation_of_the_same_run_says(tmp_path: Path, goals):
-    arguments = ["simulate", "2-crossing", "--goals", goals, "--out", str(tmp_path / "out")]
+def test_a_row_says_what_a_simulation_of_the_same_run_says(tmp_path: Path):
+    arguments = ["simulate", "2-crossing", "--goals", "exchanged", "--out", str(tmp_path / "out")]
     assert CliRunner().invoke(app, arguments).exit_code == 0
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    (run,) = evaluation_of(find("2-crossing"), goals=(goals,)).runs()
+    (run,) = evaluation_of(find("2-crossing"), goals=("exchanged",)).runs()
     row = execute(run)
     same = ("verdict", "seed", "solver", "duration_s", "minimum_distance_m", "collisions", "steps")
     same += ("solver_failures", "clipped_commands")
     assert {name: getattr(row, name) for name in same} == {name: summary[name] for name in same}
-    assert (row.scenario, row.method, row.verdict) == ("2-crossing", goals, "arrived")
+    assert (row.scenario, row.method, row.verdict) == ("2-crossing", "exchanged", "arrived")
     assert row.robots == row.arrived == len(summary["robots"])
     arrivals_s, driven_m = (
         [robot[name] for robot in summary["robots"]] for name in ("arrived_s", "driven_m")
@@ -145,28 +139,22 @@ def test_what_others_do_meanwhile_counts_as_wall_clock_time_only(
     assert row.wall_s >= 0.1 * 2 * row.steps
 
 
-def test_no_phase_takes_longer_than_the_whole(tmp_path: Path):
+def test_a_run_out_of_time_has_no_durations_and_no_phase_takes_longer_than_the_whole(tmp_path: Path):
     (run,) = evaluation_of(write_suite(tmp_path / "suite", "one"), goals=("ioc",)).runs()
     row = execute(run)
+    assert (row.verdict, row.arrived, row.steps, row.reason) == ("timeout", 0, 5, None)
+    assert row.duration_s is row.robot_duration_mean_s is None
+    assert row.driven_m > 0.0
     for phase in PHASES:
         p50, p99, most = (getattr(row, f"{phase}_cpu_{name}_ms") for name in ("p50", "p99", "max"))
         assert 0.0 < p50 <= p99 <= most <= 1e3 * row.cpu_s
     assert row.cpu_s <= row.wall_s + 0.01
 
 
-def test_a_run_that_is_out_of_time_has_no_durations(tmp_path: Path):
-    (run,) = evaluation_of(write_suite(tmp_path / "suite", "one"), goals=("exchanged",)).runs()
-    row = execute(run)
-    assert (row.verdict, row.arrived, row.steps, row.reason) == ("timeout", 0, 5, None)
-    assert row.duration_s is row.robot_duration_mean_s is None
-    assert row.driven_m > 0.0
-
-
 def test_a_run_that_raises_is_a_failed_row_with_the_reason_and_the_place(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     (run,) = evaluation_of(write_suite(tmp_path / "suite", "one"), goals=("exchanged",)).runs()
-    execute(run)
 
     def stumble(_agent: Agent, _observation: object) -> Mind:
         raise ArithmeticError("no way\nout")
@@ -177,20 +165,3 @@ def test_a_run_that_raises_is_a_failed_row_with_the_reason_and_the_place(
     assert row.reason.startswith("ArithmeticError: no way out (test_evaluation_runs.py:")
     filled = {name for name, value in row if value is not None}
     assert filled == {*row.key._fields, "robots", "verdict", "reason"}
-
-
-def test_every_quantity_has_its_unit_in_its_name():
-    units = ("_s", "_m", "_ms")
-    floats = [name for name, field in Row.model_fields.items() if field.annotation == float | None]
-    assert len(floats) == 19
-    assert [name for name in floats if not name.endswith(units)] == []
-    assert COLUMNS[:8] == (
-        "scenario",
-        "robots",
-        "method",
-        "solver",
-        "noise",
-        "seed",
-        "verdict",
-        "reason",
-    )

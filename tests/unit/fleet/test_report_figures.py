@@ -60,17 +60,12 @@ def test_boxes_are_the_quartiles_of_each_method_from_top_to_bottom(drawn: dict[s
 
 
 def test_every_scenario_is_a_dot_and_those_with_a_collision_are_crosses(drawn: dict[str, Chart]):
+    assert [marked(axes, DOT) for axes in drawn["driven"].figure().axes] == [[16.0] * 8, [8.0] * 8]
     axes = axes_of(drawn["duration"])
     hit = [each[2] for each in DURATIONS_S.values()]
     assert marked(axes, COLLISION) == sorted(hit + [each - 1.0 for each in hit])
     others = [each for durations_s in DURATIONS_S.values() for i, each in enumerate(durations_s) if i != 2]
     assert marked(axes, DOT) == sorted(others + [each - 1.0 for each in others])
-
-
-def test_measures_of_different_size_have_axes_of_their_own(drawn: dict[str, Chart]):
-    by_all, by_one = drawn["driven"].figure().axes
-    assert marked(by_all, DOT) == [16.0] * 8
-    assert marked(by_one, DOT) == [8.0] * 8
 
 
 def test_published_medians_are_marked_for_the_published_methods_only(drawn: dict[str, Chart]):
