@@ -171,10 +171,10 @@ def _make_missing(
 
 def _show(evaluation: Evaluation, results: Results, directory: Path) -> None:
     """The table of all finished runs, in the order of the evaluation, and where they are."""
-    console = Console(highlight=False)
+    console = Console(highlight=False, width=max(Console().width, WIDTH))
     done = [results.rows[run.key] for run in evaluation.runs() if run.key in results.rows]
     if done:
-        console.print(method_table(done), width=max(console.width, WIDTH))
+        console.print(method_table(done))
     typer.echo(f"Results in {directory}: {', '.join(sorted(path.name for path in directory.iterdir()))}")
 
 

@@ -1,10 +1,11 @@
 """Suites of scenarios: made of a family, written, and read from scenario files."""
 
 import math
+import secrets
+import shutil
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -278,18 +279,18 @@ def write_suite(directory: Path, scenarios: Mapping[str, Scenario], comment: str
         Refusal: the directory holds something or cannot be written.
     """
     directory = directory.resolve()
+    beside = directory.parent / f".{directory.name}-{secrets.token_hex(4)}"
     try:
         if directory == Path.cwd():
             raise Refusal(f"{directory} is where you are; name a new directory in it with --out")
         if directory.exists() and any(directory.iterdir()):
             raise Refusal(f"{directory} is not empty; choose another directory with --out, or remove it")
-        directory.parent.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(prefix=f".{directory.name}-", dir=directory.parent) as beside:
-            whole = Path(beside) / "whole"
-            whole.mkdir()
-            for name, scenario in scenarios.items():
-                text = f"# {comment}\n{scenario_text(scenario)}"
-                (whole / f"{name}.yaml").write_text(text, encoding="utf-8")
-            whole.rename(directory)
+        beside.mkdir(parents=True)
+        for name, scenario in scenarios.items():
+            text = f"# {comment}\n{scenario_text(scenario)}"
+            (beside / f"{name}.yaml").write_text(text, encoding="utf-8")
+        beside.rename(directory)
     except OSError as error:
         raise Refusal(f"{directory} cannot be used for the output: {error.strerror}") from error
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)

@@ -56,6 +56,13 @@ def data(out: Path) -> Data:
     return write_evaluation(out, STEMS, figures, goals=METHODS)
 
 
+@pytest.fixture(autouse=True)
+def _coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither figures nor intervals need to be fine here."""
+    monkeypatch.setattr("fleet.report.figures.DOTS_PER_INCH", 30)
+    monkeypatch.setattr("fleet.report.data.RESAMPLES", 200)
+
+
 @pytest.fixture
 def _undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures are empty, for tests that look at other things: drawing takes the most time."""

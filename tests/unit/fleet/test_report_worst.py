@@ -19,8 +19,9 @@ from fleet.report.figures import Chart
 
 @pytest.fixture(autouse=True)
 def _undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Charts are empty: drawing takes the most time."""
+    """Charts are empty and intervals coarse, which otherwise take the most time."""
     monkeypatch.setattr(Chart, "png", lambda _self: b"no picture")
+    monkeypatch.setattr("fleet.report.data.RESAMPLES", 200)
 
 
 def test_failed_runs_come_first_then_collisions_then_robots_that_never_arrive_then_slow_ones(tmp_path: Path):
