@@ -15,7 +15,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from fleet.record.tables import number
 from fleet.report.data import (
     DRIVEN,
     DURATION,
@@ -119,7 +118,7 @@ class Chart:
         parts = []
         for name, measure in self.boxes.items():
             medians = self.level.values(measure).median().dropna()
-            shown = ", ".join(f"{method} {number(value)}" for method, value in medians.items())
+            shown = ", ".join(f"{method} {significant(value)}" for method, value in medians.items())
             parts.append(f"{name}: {shown or 'no values'}")
         return f"{self.title}: box plots of {self.axis}. Medians: {'; '.join(parts)}."
 
@@ -247,3 +246,8 @@ def collision_distance_m(scenarios: Iterable[Scenario]) -> float | None:
         for one, other in combinations(scenario.robots, 2)
     }
     return distances_m.pop() if len(distances_m) == 1 else None
+
+
+def significant(value: float) -> str:
+    """A number with the digits that matter."""
+    return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"

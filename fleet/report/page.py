@@ -9,7 +9,6 @@ from typing import NamedTuple
 import pandas as pd
 from jinja2 import Environment, StrictUndefined
 
-from fleet.record.tables import number
 from fleet.report.data import (
     DURATION,
     MEASURES,
@@ -30,7 +29,7 @@ from fleet.report.data import (
     publication,
     published,
 )
-from fleet.report.figures import Picture, charts, collision_distance_m
+from fleet.report.figures import Picture, charts, collision_distance_m, significant
 
 PREFIX = "report-"
 """Of all files of a report but the page."""
@@ -284,7 +283,7 @@ def timings(level: Level) -> Table:
     rows = {}
     for method in level.methods:
         rows[method] = [
-            Cell(number(medians_ms[measure][method]), [f"highest {number(highest)}"])
+            Cell(significant(medians_ms[measure][method]), [f"highest {significant(highest)}"])
             if not math.isnan(highest := highest_ms[measure.column][method])
             else Cell(DASH)
             for measure in measures
