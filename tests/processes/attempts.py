@@ -5,7 +5,7 @@ import secrets
 import socket
 import struct
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from concurrent.futures import ThreadPoolExecutor
 
 from network_namespaces import BROADCAST_ADDRESS, INTERFACE, Place
@@ -100,16 +100,7 @@ def frame(source: Place, target: Place) -> bool:
         return _is_heard(ear, lambda mark: mouth.send(header + mark))
 
 
-ATTEMPTS: tuple[Attempt, ...] = (
-    tcp,
-    udp,
-    broadcast,
-    multicast,
-    ping,
-    ipv6_link_local,
-    ipv6_all_nodes,
-    frame,
-)
+ATTEMPTS: tuple[Attempt, ...] = (tcp, udp, broadcast, multicast, ping, ipv6_link_local, ipv6_all_nodes, frame)
 """All that need no more than the two on their places."""
 
 
@@ -117,14 +108,15 @@ def got_through(
     attempts: Collection[Attempt], pairs: Collection[tuple[Place, Place]]
 ) -> set[tuple[str, str, str]]:
     """Try all at once; attempt, source and target of those that got through."""
-    tries = [(attempt, source, target) for attempt in attempts for source, target in pairs]
+    tries = [(attempt, *pair) for attempt in attempts for pair in pairs]
     with ThreadPoolExecutor(len(tries)) as pool:
-        reached = pool.map(lambda one: one[0](one[1], one[2]), tries)
-        return {
-            (attempt.__name__, source.name, target.name)
-            for (attempt, source, target), got in zip(tries, reached, strict=True)
-            if got
-        }
+        reached = pool.map(lambda attempt, *pair: attempt(*pair), *zip(*tries, strict=True))
+        return named(each for each, got in zip(tries, reached, strict=True) if got)
+
+
+def named(tries: Iterable[tuple[Attempt, Place, Place]]) -> set[tuple[str, str, str]]:
+    """The same by names, which a failing test can show."""
+    return {(attempt.__name__, source.name, target.name) for attempt, source, target in tries}
 
 
 def _datagrams(place: Place) -> socket.socket:

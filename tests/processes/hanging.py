@@ -3,56 +3,32 @@
 Its loop is then stuck in the middle of a step, while all its other threads go on.
 """
 
+import runpy
 import sys
 import threading
+from collections.abc import Callable
 from typing import Any
 
 import chassis.health
-import world.__main__
-from agent.agent import Decision
-from agent.process.options import RobotOptions
-from agent.process.robot import Decides, make_agent, run_robot
-from chassis.options import with_options
-from chassis.refusal import run
-from protocol.messages import Observation
-from protocol.scene import Scene
+from agent.agent import Agent
 from world.world import World
 
 STEP = 3
 
 
-class Hanging:
-    def __init__(self, mind: Decides) -> None:
-        self._mind = mind
+def hanging(go_on: Callable[..., Any], step_of: Callable[..., int]) -> Callable[..., Any]:
+    """A method that hangs from this step on."""
 
-    def decide(self, observation: Observation) -> Decision | None:
-        if observation.step >= STEP:
+    def method(*arguments: Any) -> Any:
+        if step_of(*arguments) >= STEP:
             threading.Event().wait()
-        return self._mind.decide(observation)
+        return go_on(*arguments)
 
-    def withdraw(self) -> None:
-        self._mind.withdraw()
-
-
-def hanging_agent(options: RobotOptions, scene: Scene) -> Decides:
-    return Hanging(make_agent(options, scene))
-
-
-class HangingWorld(World):
-    def advance(self, commands: Any) -> Any:
-        if self.step >= STEP:
-            threading.Event().wait()
-        return super().advance(commands)
-
-
-@with_options(environment=True)
-def robot(options: RobotOptions) -> None:
-    run_robot(options, hanging_agent)
+    return method
 
 
 if __name__ == "__main__":
-    what = sys.argv.pop(1)
     chassis.health.LONGEST_SILENCE_S = 1.0  # so that the test need not wait for ten
-    if what == "world":
-        world.__main__.World = HangingWorld  # type: ignore[misc]
-    run(robot if what == "agent" else world.__main__.main)
+    Agent.decide = hanging(Agent.decide, lambda _agent, observation: observation.step)  # type: ignore[method-assign]
+    World.advance = hanging(World.advance, lambda world, _commands: world.step)  # type: ignore[method-assign]
+    runpy.run_module(sys.argv.pop(1), run_name="__main__", alter_sys=True)

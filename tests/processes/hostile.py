@@ -25,30 +25,20 @@ def base(key: str) -> bytes:
     """A valid message for this key, of an epoch that never was."""
     robot = key.rpartition("/")[2]
     if Keys(key.split("/")[1]).kind_of(key) == "command":
-        command = Command(
-            epoch=WRONG_EPOCH,
-            robot=robot,
-            step=3,
-            turn_rate_radps=0.1,
-            acceleration_mps2=0.2,
-            then=(0.0, 0.0),
-        )
-        return encode(command)
-    mind = Mind(
-        epoch=WRONG_EPOCH,
-        robot=robot,
-        step=3,
-        decision=3,
-        cut_short_at=None,
-        arrived=False,
-        estimates={},
-        prediction={robot: ((0.0, 1.0), (2.0, 3.0))},
-        plan=((0.0, 1.0),),
-        failed=(),
-        solver_failures=0,
-        timings_ms=Timings(),
-    )
-    return encode(mind)
+        said = {"turn_rate_radps": 0.1, "acceleration_mps2": 0.2, "then": (0.0, 0.0)}
+        return encode(Command(epoch=WRONG_EPOCH, robot=robot, step=3, **said))
+    thought = {
+        "decision": 3,
+        "cut_short_at": None,
+        "arrived": False,
+        "estimates": {},
+        "prediction": {robot: ((0.0, 1.0), (2.0, 3.0))},
+        "plan": ((0.0, 1.0),),
+        "failed": (),
+        "solver_failures": 0,
+        "timings_ms": Timings(),
+    }
+    return encode(Mind(epoch=WRONG_EPOCH, robot=robot, step=3, **thought))
 
 
 def payloads(key: str, count: int) -> list[bytes]:

@@ -131,12 +131,13 @@ class Network:
 
     def __enter__(self) -> Self:
         with ExitStack() as undo:
-            self._bridge = self._add_namespace(undo, BRIDGE)
+            for name in (BRIDGE, *HOSTS):
+                command("ip", "netns", "add", _PREFIX + name)
+                undo.callback(command, "ip", "netns", "delete", _PREFIX + name)
             # Without snooping the bridge passes on all multicast, as a simple switch does.
             self._link("add", BRIDGE, "type", "bridge", "mcast_snooping", 0)
             self._link("set", BRIDGE, "up")
             for place in self.places:
-                self._add_namespace(undo, place.name)
                 self._connect(place)
             self._undo = undo.pop_all()
         return self
@@ -144,21 +145,15 @@ class Network:
     def __exit__(self, *_: object) -> None:
         self._undo.close()
 
-    def _add_namespace(self, undo: ExitStack, name: str) -> str:
-        namespace = _PREFIX + name
-        command("ip", "netns", "add", namespace)
-        undo.callback(command, "ip", "netns", "delete", namespace)
-        return namespace
-
     def _link(self, *arguments: object) -> None:
-        command("ip", "-n", self._bridge, "link", *arguments)
+        command("ip", "-n", _PREFIX + BRIDGE, "link", *arguments)
 
     def _connect(self, place: Place) -> None:
         port = f"to-{place.name}"
         self._link("add", port, "type", "veth", "peer", "name", INTERFACE, "netns", place.namespace)
         self._link("set", port, "master", BRIDGE, "up")
         if self.isolated and place != self.world:
-            command("bridge", "-n", self._bridge, "link", "set", "dev", port, "isolated", "on")
+            command("bridge", "-n", _PREFIX + BRIDGE, "link", "set", "dev", port, "isolated", "on")
         own = ("ip", "-n", place.namespace)
         command(*own, "link", "set", "lo", "up")
         command(*own, "link", "set", INTERFACE, "addrgenmode", "none", "up")

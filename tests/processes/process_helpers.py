@@ -1,16 +1,22 @@
 """Real processes through the real command line: started, watched, and ended by their ids."""
 
+import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import Any, Self
 
+import psutil
+import pytest
 import yaml
 import zenoh
 
@@ -18,15 +24,19 @@ from fleet.record.recording import read_recording
 from protocol.codec import decode
 from protocol.identity import Login
 from protocol.keys import BENCH_NAME, Keys
-from protocol.messages import Message, Truth
+from protocol.messages import Message, Mind, Timings, TrueRobot, Truth
 from protocol.session import client_session
+from protocol.vehicle import Input, Limits, braking_input
 from scenarios import find
 
-PATIENCE_S = 120.0
+PATIENCE_S = 240.0
 """How long a test waits for what should come; only reached when it fails."""
 UNSPOKEN = Path(sys.executable).with_name("unspoken")
 SHORT_SIGHTED = {"prediction_steps": 5, "estimation_steps": 3}
 """Horizons that make decisions cheap, for tests that are not about driving."""
+FAR_SIGHTED = {"prediction_steps": 12, "estimation_steps": 3}
+"""Horizons with which a robot alone in its lane stops at its goal."""
+DEFAULT_LIMITS = Limits()
 
 
 def write_scenario(path: Path, robots: list[dict[str, Any]], **rules: Any) -> Path:
@@ -69,21 +79,54 @@ def until(condition: Callable[[], bool], what: str, patience_s: float = PATIENCE
         time.sleep(0.01)
 
 
-def is_alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return True
+def kill_all(pids: Iterable[int]) -> None:
+    for pid in filter(psutil.pid_exists, pids):
+        os.kill(pid, signal.SIGKILL)
 
 
-def ends_all(pids):
+def ends_all(pids: Collection[int]) -> None:
     """Check that the end of a bench is that of its processes; end them where it is not."""
     try:
-        until(lambda: not any(is_alive(pid) for pid in pids), "the end of all processes")
+        until(lambda: not any(map(psutil.pid_exists, pids)), "the end of all processes")
     finally:
-        for pid in filter(is_alive, pids):
-            os.kill(pid, signal.SIGKILL)
+        kill_all(pids)
+
+
+class Truths:
+    """The truths of a run as they come to a session of its own, from now on."""
+
+    def __init__(self, session: zenoh.Session, keys: Keys) -> None:
+        self.all: list[Truth] = []
+        self._more = threading.Condition()
+        self._session = session
+        self._subscriber = session.declare_subscriber(keys.truth, self._keep)
+
+    def _keep(self, sample: zenoh.Sample) -> None:
+        with self._more:
+            self.all.append(decode(Truth, sample.payload.to_bytes()))
+            self._more.notify_all()
+
+    def wait_for(self, what: Callable[[Truth], object], patience_s: float = PATIENCE_S) -> Truth:
+        """Wait for a truth of this kind; the last one."""
+        with self._more:
+            assert self._more.wait_for(lambda: self.all and what(self.all[-1]), patience_s), "it did not come"
+            return self.all[-1]
+
+    def reached(self, step: int, patience_s: float = PATIENCE_S) -> None:
+        """Wait until the world has published this step."""
+        self.wait_for(lambda truth: truth.step >= step, patience_s)
+
+    def ended(self) -> Truth:
+        """The last truth; after it this reader leaves, for which the world waits."""
+        last = self.wait_for(lambda truth: truth.verdict)
+        self._subscriber.undeclare()
+        return last
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._session.close()
 
 
 class Process:
@@ -125,9 +168,7 @@ class Process:
         children = self.children()
         self._process.kill()
         self._process.wait()
-        for pid in children:
-            if is_alive(pid):
-                os.kill(pid, signal.SIGKILL)
+        kill_all(children)
 
     @property
     def own_pid(self) -> int:
@@ -160,39 +201,35 @@ class Process:
     def children(self) -> dict[int, list[str]]:
         """Process ids and command lines of its children."""
         found = {}
-        for stat in Path("/proc").glob("[0-9]*/stat"):
-            try:
-                # After the name, which stands in brackets and may hold spaces: state, parent, …
-                parent = int(stat.read_text().rpartition(")")[2].split()[1])
-                if parent == self._process.pid:
-                    line = (stat.parent / "cmdline").read_text()
-                    found[int(stat.parent.name)] = line.rstrip("\0").split("\0")
-            except (FileNotFoundError, ProcessLookupError):
-                continue  # it has ended meanwhile
+        with suppress(psutil.NoSuchProcess):
+            for child in psutil.Process(self.own_pid).children():
+                with suppress(psutil.NoSuchProcess):
+                    found[child.pid] = child.cmdline()
         return found
 
 
 class Bench(Process):
     """``unspoken run`` or ``unspoken simulate`` with an output directory and a temporary directory.
 
+    The path of the latter is short: that of a socket holds about a hundred characters.
+
     Args:
         out: for the output.
-        temporary: a directory of its own with a short path, for sockets.
         arguments: of the command line, without ``--out``.
+        cwd: where it stands.
         env: added to the environment.
     """
 
     def __init__(
-        self, out: Path, temporary: Path, *arguments: object, env: Mapping[str, object] = {}
+        self, out: Path, *arguments: object, cwd: Path | None = None, env: Mapping[str, object] = {}
     ) -> None:
-        self.out, self.temporary = out, temporary
-        super().__init__(
-            out.with_name(out.name + "-told"),
-            *arguments,
-            "--out",
-            out,
-            env={"TMPDIR": temporary, **env},
-        )
+        self.out, self.temporary = out, Path(mkdtemp(prefix="u"))
+        told = out.with_name(out.name + "-told")
+        super().__init__(told, *arguments, "--out", out, cwd=cwd, env={"TMPDIR": self.temporary, **env})
+
+    def __exit__(self, *error: object) -> None:
+        super().__exit__(*error)
+        shutil.rmtree(self.temporary)
 
     def log(self, name: str) -> str:
         path = self.out / "logs" / f"{name}.log"
@@ -203,33 +240,41 @@ class Bench(Process):
         until(lambda: text in self.log(name) or not self.running, f"{text} in the log of {name}")
         assert text in self.log(name), self.complained
 
+    def _of_world(self, name: str) -> str:
+        self.logs("world", "waiting for robots")
+        [value] = re.findall(rf"{name}=(\S+)", self.log("world"))
+        return value
+
+    @property
+    def endpoint(self) -> str:
+        """Of its world, once that is there."""
+        return self._of_world("listen")
+
+    @property
+    def folder(self) -> Path:
+        """Where its sockets and passwords are."""
+        return Path(self.endpoint.removeprefix("unixsock-stream/")).parent
+
     def keys(self) -> Keys:
         """The keys of its run, once its world is there."""
-        self.logs("world", "waiting for robots")
-        [run] = re.findall(r"run=(\S+)", self.log("world"))
-        return Keys(run)
+        return Keys(self._of_world("run"))
 
     def listening(self, name: str = BENCH_NAME) -> zenoh.Session:
         """A session of its world with the name and the password of one of its participants."""
-        self.logs("world", "waiting for robots")
-        [endpoint] = re.findall(r"listen=(\S+)", self.log("world"))
-        users = Path(endpoint.removeprefix("unixsock-stream/")).with_name("users")
+        users = self.folder / "users"
         if not users.exists():  # a run without policy
-            return zenoh.open(client_session(endpoint).to_zenoh())
+            return zenoh.open(client_session(self.endpoint).to_zenoh())
         passwords = dict(line.split(":") for line in users.read_text(encoding="utf-8").splitlines())
-        return zenoh.open(client_session(endpoint, Login(name, passwords[name])).to_zenoh())
+        return zenoh.open(client_session(self.endpoint, Login(name, passwords[name])).to_zenoh())
 
-    def reach(self, step: int) -> None:
+    def reach(self, step: int, patience_s: float = PATIENCE_S) -> None:
         """Wait until the world has published this step."""
-        reached = threading.Event()
+        with self.watched() as truths:
+            truths.reached(step, patience_s)
 
-        def look(sample: zenoh.Sample) -> None:
-            if decode(Truth, sample.payload.to_bytes()).step >= step:
-                reached.set()
-
-        with self.listening() as session:
-            _truths = session.declare_subscriber(self.keys().truth, look)
-            assert reached.wait(PATIENCE_S), f"step {step} was not reached"
+    def watched(self) -> "Truths":
+        """Its truths as they come."""
+        return Truths(self.listening(), self.keys())
 
     def pid(self, module: str, robot: str | None = None) -> int:
         """The id of its world, or of the process of one of its robots."""
@@ -240,21 +285,47 @@ class Bench(Process):
         ]
         return pid
 
-    def kill(self, module: str, robot: str | None = None) -> None:
-        """Kill its world, or the process of one of its robots."""
+    def kill(self, module: str, robot: str | None = None) -> dict[int, list[str]]:
+        """Kill its world, or the process of one of its robots; the children that it had."""
+        children = self.children()
         os.kill(self.pid(module, robot), signal.SIGKILL)
+        return children
 
-    def leaves_nothing(self, pids: Mapping[int, object]) -> None:
+    def leaves_nothing(self, pids: Iterable[int] = ()) -> None:
         """Check that after its end none of these processes is left, and no temporary file."""
         assert not self.running
-        assert [pid for pid in pids if is_alive(pid)] == []
+        assert list(filter(psutil.pid_exists, pids)) == []
         assert list(self.temporary.iterdir()) == []
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """What it has left as its summary."""
+        found: dict[str, Any] = json.loads((self.out / "summary.json").read_text(encoding="utf-8"))
+        return found
+
+    def messages(self, kind: type[Message]) -> list[Any]:
+        """What it has recorded of one kind."""
+        return [message for _, message in recorded(self.out) if isinstance(message, kind)]
+
+    def true(self, robot: str) -> dict[int, TrueRobot]:
+        """How a robot really was, by step."""
+        return {truth.step: truth.robots[robot] for truth in self.messages(Truth)}
+
+    def missed(self, robot: str) -> list[int]:
+        """Steps that a robot did not answer."""
+        true = self.true(robot)
+        return [
+            step for step in range(max(true)) if true[step + 1].deadline_misses > true[step].deadline_misses
+        ]
+
+    def begun(self, robot: str) -> list[int]:
+        """At which steps a robot began anew, without any memory."""
+        return [mind.step for mind in self.messages(Mind) if mind.robot == robot and mind.decision == 0]
 
 
 def environment(pid: int) -> dict[str, str]:
     """What a process was given at its start."""
-    lines = (Path("/proc") / str(pid) / "environ").read_text().split("\0")
-    return {name: value for name, _, value in (line.partition("=") for line in lines) if name}
+    return psutil.Process(pid).environ()
 
 
 def recorded(out: Path) -> list[tuple[str, Message]]:
@@ -262,3 +333,53 @@ def recorded(out: Path) -> list[tuple[str, Message]]:
     recording = read_recording(out / "run.mcap")
     start = f"unspoken/{recording.facts.run}/"
     return [(key.removeprefix(start), message) for key, message in recording]
+
+
+def repeatable(out: Path, **unlike: Any) -> dict[tuple[str, int | None], str]:
+    """The messages of a run by key and step, without what differs from run to run.
+
+    Args:
+        out: its directory.
+        unlike: fields of truths that may differ too, with a value to put there.
+    """
+    messages = {}
+    for key, message in recorded(out):
+        changes: dict[str, Any] = {"epoch": 0}
+        if isinstance(message, Mind):
+            changes["timings_ms"] = Timings()
+        if isinstance(message, Truth):
+            changes |= unlike
+        place = (key, getattr(message, "step", None))
+        assert place not in messages, f"{place} was recorded twice"
+        messages[place] = message.model_copy(update=changes).model_dump_json()
+    return messages
+
+
+def applied(robot: TrueRobot) -> Input:
+    """What led to a truth."""
+    return Input(robot.turn_rate_radps, robot.acceleration_mps2)
+
+
+def brakes(
+    true: Mapping[int, TrueRobot], steps: Iterable[int], limits: Limits = DEFAULT_LIMITS, step_s: float = 0.1
+) -> None:
+    """Check that at each of these steps a robot of which nothing is heard brakes as its vehicle does then."""
+    for step in steps:
+        former = true[step]
+        braking = braking_input(limits, applied(former), former.state.speed_mps, step_s)
+        assert applied(true[step + 1]) == pytest.approx(braking)
+
+
+def audited(process: Callable[..., Process], out: Path, folder: Path) -> dict[str, Any]:
+    """The report of ``unspoken audit`` on a run, which must follow."""
+    report = folder / "audit.json"
+    auditing = process("audit", "audit", out, "--json", report)
+    assert auditing.end() == 0, auditing.told + auditing.complained
+    found: dict[str, Any] = json.loads(report.read_text(encoding="utf-8"))
+    return found
+
+
+def numbers(report: Mapping[str, Any], kind: str) -> dict[str, int]:
+    """How many messages of a kind an audit found by robot; all of them are identical in the repetition."""
+    assert all(robot[kind]["recorded"] == robot[kind]["identical"] for robot in report["robots"])
+    return {robot["id"]: robot[kind]["recorded"] for robot in report["robots"]}

@@ -4,6 +4,8 @@ Payloads are made and read by an independent library. Each robot has a frame, a 
 own, as real ones have. Its base follows a twist as fast as its limits allow, and no faster.
 """
 
+import cmath
+import itertools
 import math
 import threading
 import time
@@ -56,9 +58,7 @@ class Base:
 
     def odometry(self) -> bytes:
         off_x_m, off_y_m, turned_rad = self.origin
-        local = complex(self.x_m - off_x_m, self.y_m - off_y_m) * complex(
-            math.cos(-turned_rad), math.sin(-turned_rad)
-        )
+        local = complex(self.x_m - off_x_m, self.y_m - off_y_m) * cmath.rect(1.0, -turned_rad)
         return odometry_bytes(
             local.real,
             local.imag,
@@ -106,12 +106,7 @@ class RosSide:
                 base.move(passed_s)
                 if base.sends:
                     self.put(base.name, base.odometry())
-            self._measure()
-
-    def _measure(self) -> None:
-        bases = list(self.bases.values())
-        for index, one in enumerate(bases):
-            for other in bases[index + 1 :]:
+            for one, other in itertools.combinations(self.bases.values(), 2):
                 distance_m = math.hypot(one.x_m - other.x_m, one.y_m - other.y_m)
                 self.minimum_distance_m = min(self.minimum_distance_m, distance_m)
 

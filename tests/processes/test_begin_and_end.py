@@ -38,17 +38,14 @@ def said(journal):
     environment = {name: value for name, value in os.environ.items() if name != "JOURNAL_STREAM"}
     if journal is not None:
         environment["JOURNAL_STREAM"] = streams.get(journal, journal)
-    process = subprocess.run(
-        [sys.executable, "-c", SAYS],
-        env={**environment, "NO_COLOR": "1"},
-        stdout=subprocess.PIPE,
-        stderr=writes,
-        text=True,
-        check=True,
+    environment["NO_COLOR"] = "1"
+    program = [sys.executable, "-c", SAYS]
+    ran = subprocess.run(
+        program, env=environment, stdout=subprocess.PIPE, stderr=writes, text=True, check=True
     )
     os.close(writes)
     with os.fdopen(reads) as stderr:
-        return process.stdout, stderr.read()
+        return ran.stdout, stderr.read()
 
 
 def test_lines_for_the_journal_have_their_priority_and_stay_one_line_each():
@@ -83,23 +80,20 @@ def test_a_signal_ends_a_wait_of_the_main_thread(number):
     assert process.returncode == 0
 
 
-def healthy(*arguments, **environment):
-    """Exit status and output of a health check."""
-    asked = subprocess.run(
-        [sys.executable, "-m", "chassis.healthy", *arguments],
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-    )
-    return asked.returncode, asked.stdout + asked.stderr
-
-
-def test_a_health_check_says_in_a_line_what_it_needs_or_that_nobody_answers():
-    for port in ("", "here", "0", "70000"):
-        status, line = healthy(UNSPOKEN_WATCH_PORT=port)
-        assert (status, line.count("\n")) == (1, 1)
-        assert "the port at which the process can be watched is expected" in line
-    status, line = healthy("live", UNSPOKEN_WATCH_PORT="1")
-    assert status == 1
-    assert line.startswith("nobody answers at http://127.0.0.1:1/live")
-    assert healthy("reday", UNSPOKEN_WATCH_PORT="1")[0] == 2
+@pytest.mark.parametrize(
+    ("arguments", "port", "status", "line"),
+    [
+        ([], "", 1, "the port at which the process can be watched is expected"),
+        ([], "70000", 1, "the port at which the process can be watched is expected"),
+        (["live"], "1", 1, "nobody answers at http://127.0.0.1:1/live"),
+        (["reday"], "1", 2, "reday"),
+    ],
+)
+def test_a_health_check_says_in_a_line_what_it_needs_or_that_nobody_answers(arguments, port, status, line):
+    program = [sys.executable, "-m", "chassis.healthy", *arguments]
+    environment = {**os.environ, "UNSPOKEN_WATCH_PORT": port}
+    asked = subprocess.run(program, env=environment, capture_output=True, text=True)
+    complained = asked.stdout + asked.stderr
+    assert asked.returncode == status
+    assert line in complained
+    assert status == 2 or complained.count("\n") == 1

@@ -8,6 +8,7 @@ import pytest
 
 LIBRARIES = {"casadi", "dask", "distributed", "matplotlib", "numba", "numpy", "scipy", "zenoh"}
 BENCH = {"fleet", "scenarios", "world"}
+OTHER_COMMANDS = {"fleet.evaluate.command", "fleet.bench.command", "agent.__main__"}
 RUN = """
 import json, sys
 from {package}.entry import main
@@ -18,23 +19,18 @@ finally:
 """
 
 
-def imported(package, *words):
+@pytest.mark.parametrize(
+    ("package", "words", "unwanted"),
+    [
+        ("agent", ["--version"], LIBRARIES),
+        ("fleet", ["--help"], LIBRARIES),
+        ("fleet", ["scenarios", "--help"], OTHER_COMMANDS),
+        ("agent", ["agent", "--help"], BENCH),
+    ],
+)
+def test_help_and_version_import_nothing_that_they_do_not_need(package, words, unwanted):
     command = [sys.executable, "-c", RUN.format(package=package), *words]
     said = subprocess.run(command, capture_output=True, text=True, check=True)
-    return set(json.loads(said.stdout.splitlines()[-1]))
-
-
-@pytest.mark.parametrize("package", ["agent", "fleet"])
-@pytest.mark.parametrize("word", ["--help", "--version"])
-def test_help_and_version_import_no_library_of_a_command(package, word):
-    assert imported(package, word) & LIBRARIES == set()
-
-
-def test_help_of_a_command_imports_no_other_command():
-    modules = imported("fleet", "scenarios", "--help")
-    assert "fleet.scenarios.command" in modules
-    assert {"fleet.evaluate.command", "fleet.bench.command", "agent.__main__"} & modules == set()
-
-
-def test_a_device_needs_neither_the_world_nor_the_bench():
-    assert imported("agent", "agent", "--help") & BENCH == set()
+    modules = set(json.loads(said.stdout.splitlines()[-1]))
+    assert f"{package}.entry" in modules
+    assert unwanted & modules == set()

@@ -26,10 +26,8 @@ def told(tmp_path, endpoint):
 
 @pytest.mark.slow
 def test_a_device_is_checked_while_its_robot_drives(process, endpoint, told, tmp_path):
-    scenario = endless(tmp_path / "endless.yaml", 1)
-    world = process(
-        "world", "world", "--scenario", scenario, "--listen", endpoint, "--users", tmp_path / "users"
-    )
+    options = ("--listen", endpoint, "--users", tmp_path / "users")
+    world = process("world", "world", "--scenario", endless(tmp_path / "endless.yaml", 1), *options)
     robot = process("robot", "agent", env={"UNSPOKEN_CONFIG": told})
     world.tells("all robots present")
     device = (sys.executable, "-c", "from agent.entry import main; main()")
@@ -48,11 +46,3 @@ def test_a_device_is_checked_while_its_robot_drives(process, endpoint, told, tmp
     assert "refused_commands={}" in world.told
     for said in ("robot lost", "robot returned", "refused", "version"):
         assert f" {said} " not in world.told
-
-
-def test_a_device_without_a_world_is_not_ready(process, told):
-    check = process("check", "agent", "--config", told, "--check")
-    assert check.end() == 1
-    assert "\nfailed   world " in check.told
-    assert "nobody listens there; start the world" in check.told
-    assert check.told.splitlines()[-1].startswith("not ready: ")

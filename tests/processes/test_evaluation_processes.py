@@ -3,16 +3,13 @@
 import os
 import re
 import signal
-import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack
 from pathlib import Path
 
 import psutil
 import pytest
 from distributed import Client
-from process_helpers import PATIENCE_S, Process, endless, is_alive, until
+from process_helpers import PATIENCE_S, Process, endless, ends_all, until
 
 from fleet.evaluate.results import RUNS, read_evaluation, read_rows
 from fleet.evaluate.running import execute
@@ -21,9 +18,7 @@ DASK = Path(sys.executable).with_name("dask")
 MADE_BY_CHANCE = re.compile(r"_cpu_|^cpu_s$|^wall_s$")
 """Columns that differ from one time to the other."""
 
-
-def evaluate(process, out: Path, *arguments: object) -> Process:
-    return process("told", "evaluate", "2-crossing", "--out", out, *arguments)
+pytestmark = pytest.mark.slow
 
 
 def has_rows(out: Path, count: int) -> None:
@@ -51,10 +46,11 @@ def listened_at(pids: list[int]) -> set[str]:
     return {each.laddr.ip for each in sockets if each.status == psutil.CONN_LISTEN}
 
 
-def test_an_evaluation_listens_on_loopback_ends_at_ctrl_c_and_is_resumed(tmp_path: Path, process):
+def test_an_evaluation_listens_on_loopback_ends_at_ctrl_c_is_resumed_and_survives_a_worker(tmp_path, process):
     out = tmp_path / "out"
-    command = ("--goals", "exchanged", "--noise", "low", "--seeds", 4, "--workers", 1)
-    first = evaluate(process, out, *command)
+    command = ("evaluate", "2-crossing", "--out", out, "--goals", "exchanged", "--noise", "low")
+    command = (*command, "--seeds", 5, "--workers", 1)
+    first = process("first", *command)
     has_rows(out, 1)
     children = first.children()
     assert listened_at([first.own_pid, *workers_of(first)]) == {"127.0.0.1"}
@@ -62,117 +58,57 @@ def test_an_evaluation_listens_on_loopback_ends_at_ctrl_c_and_is_resumed(tmp_pat
         os.kill(pid, signal.SIGINT)
     first.signal(signal.SIGINT)
     assert first.end() == 1, first.complained
-    assert f"of 4 runs are kept; to make the others give the same command with --out {out}" in (
-        first.complained
+    assert (
+        f"of 5 runs are kept; to make the others give the same command with --out {out}" in first.complained
     )
     assert "Traceback" not in first.complained
-    until(lambda: not any(map(is_alive, children)), "the end of all processes")
-    kept = (out / RUNS).read_bytes()
-    assert 1 <= len(read_rows(out)) < 4
-    second = evaluate(process, out, *command)
+    ends_all(children)
+    kept, count = (out / RUNS).read_bytes(), len(read_rows(out))
+    assert 1 <= count < 5
+    second = process("second", *command)
+    has_rows(out, count + 1)
+    for worker in workers_of(second):
+        os.kill(worker, signal.SIGKILL)
     assert second.end() == 0, second.complained
     assert (out / RUNS).read_bytes().startswith(kept)
-    assert sorted(row.seed for row in read_rows(out)) == [0, 1, 2, 3]
+    assert sorted((row.seed, row.verdict) for row in read_rows(out)) == [(i, "arrived") for i in range(5)]
 
 
-@pytest.mark.slow
-def test_the_run_of_a_worker_that_dies_is_made_again(tmp_path: Path, process):
-    out = tmp_path / "out"
-    evaluation = evaluate(
-        process, out, "--goals", "exchanged", "--noise", "low", "--seeds", 3, "--workers", 1
-    )
-    has_rows(out, 1)
-    (worker,) = workers_of(evaluation)
-    os.kill(worker, signal.SIGKILL)
-    assert evaluation.end() == 0, evaluation.complained
-    assert sorted((row.seed, row.verdict) for row in read_rows(out)) == [(i, "arrived") for i in range(3)]
+def test_an_existing_dask_cluster_makes_the_runs_and_fails_none_when_it_dies(tmp_path, process):
+    def dask(name: str, *arguments: object) -> Process:
+        local = ("--host", "127.0.0.1", "--no-dashboard")
+        return process(name, *arguments, *local, program=(DASK,), cwd=tmp_path, env={"TMPDIR": tmp_path})
 
-
-class DaskProcess:
-    """One ``dask …`` on loopback; ended by its id."""
-
-    def __init__(self, directory: Path, *arguments: object) -> None:
-        directory.mkdir()
-        self._stderr = directory / "stderr"
-        with self._stderr.open("wb") as stderr:
-            self._process = subprocess.Popen(
-                [str(DASK), *map(str, arguments), "--host", "127.0.0.1", "--no-dashboard"],
-                cwd=directory,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=stderr,
-                env={**os.environ, "PYTHONUNBUFFERED": "1", "TMPDIR": str(directory)},
-            )
-
-    def __enter__(self) -> "DaskProcess":
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self.kill()
-
-    def kill(self) -> None:
-        self._process.kill()
-        self._process.wait()
-
-    def tells(self, pattern: str) -> str:
-        """Wait until it logs something of this form; the part in brackets."""
-
-        def found() -> re.Match[str] | None:
-            return re.search(pattern, self._stderr.read_text(encoding="utf-8"))
-
-        until(lambda: found() is not None or self._process.poll() is not None, pattern)
-        match = found()
-        assert match is not None, self._stderr.read_text(encoding="utf-8")
-        return match[1]
-
-
-@pytest.fixture
-def scheduler(tmp_path: Path) -> Iterator[DaskProcess]:
-    with DaskProcess(tmp_path / "scheduler", "scheduler", "--port", 0) as process:
-        yield process
-
-
-@pytest.fixture
-def cluster(tmp_path: Path, scheduler: DaskProcess) -> Iterator[str]:
-    """The address of a scheduler with two workers."""
-    address = scheduler.tells(r"Scheduler at:\s+(tcp://\S+)")
-    with ExitStack() as processes:
-        for name in ("one", "two"):
-            worker = ("worker", address, "--nthreads", 1, "--no-nanny", "--name", name)
-            processes.enter_context(DaskProcess(tmp_path / name, *worker))
-        yield address
-
-
-@pytest.mark.slow
-def test_an_existing_dask_cluster_makes_the_runs(tmp_path: Path, process, cluster: str):
-    with Client(cluster, set_as_default=False) as client:
+    scheduler = dask("scheduler", "scheduler", "--port", 0)
+    until(lambda: "Scheduler at:" in scheduler.complained, "the scheduler")
+    [address] = re.findall(r"Scheduler at:\s+(tcp://\S+)", scheduler.complained)
+    for name in ("one", "two"):
+        dask(name, "worker", address, "--nthreads", 1, "--no-nanny", "--name", name)
+    with Client(address, set_as_default=False) as client:
         client.wait_for_workers(2, timeout=PATIENCE_S)
         out = tmp_path / "out"
         command = ("--goals", "exchanged,constant-acceleration", "--noise", "low", "--seeds", 2)
-        evaluation = evaluate(process, out, *command, "--dask", cluster)
+        evaluation = process("told", "evaluate", "2-crossing", "--out", out, *command, "--dask", address)
         assert evaluation.end() == 0, evaluation.complained
         assert workers_of(evaluation) == []
         assert have_made_runs(client) == [True, True]
-    assert driven(read_rows(out)) == driven(map(execute, read_evaluation(out).runs()))
+        assert driven(read_rows(out)) == driven(map(execute, read_evaluation(out).runs()))
 
-
-def test_a_cluster_that_dies_fails_no_run(tmp_path: Path, process, scheduler: DaskProcess, cluster: str):
-    out = tmp_path / "out"
-    suite = endless(tmp_path / "endless.yaml", 2)
-    evaluation = process("told", "evaluate", suite, "--goals", "exchanged", "--dask", cluster, "--out", out)
-    with Client(cluster, set_as_default=False) as client:
-        client.wait_for_workers(2, timeout=PATIENCE_S)
-        until(lambda: any(have_made_runs(client)), "the beginning of the run")
-    scheduler.kill()
+        lost, suite = tmp_path / "lost", endless(tmp_path / "endless.yaml", 2)
+        command = ("--goals", "exchanged", "--dask", address, "--out", lost)
+        evaluation = process("evaluation", "evaluate", suite, *command)
+        until(lambda: any(client.processing().values()), "the beginning of the run")
+    scheduler.signal(signal.SIGKILL)
     assert evaluation.end() == 3
     assert "the Dask cluster has" in evaluation.complained
     assert "Traceback" not in evaluation.complained
-    assert read_rows(out) == []
+    assert read_rows(lost) == []
 
 
-@pytest.mark.slow
 def test_without_a_scheduler_there_nothing_is_run(tmp_path: Path, process):
-    evaluation = evaluate(process, tmp_path / "out", "--dask", "tcp://127.0.0.1:9")
+    evaluation = process(
+        "told", "evaluate", "2-crossing", "--out", tmp_path / "out", "--dask", "tcp://127.0.0.1:9"
+    )
     assert evaluation.end() == 2
     assert "no Dask scheduler answers at tcp://127.0.0.1:9" in evaluation.complained
     assert "Traceback" not in evaluation.complained

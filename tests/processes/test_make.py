@@ -49,55 +49,43 @@ def stand_in_python(folder, preparation):
     return script
 
 
+TARGETS = ("run", "check", "test", "test-slow")
+
+
 def test_help_is_the_default_and_lists_every_target():
     said = make(ROOT).stdout
     (phony,) = re.findall(r"^\.PHONY: (.*)", (ROOT / "Makefile").read_text(), re.MULTILINE)
     assert set(re.findall(r"^make ([a-z-]+)", said, re.MULTILINE)) == set(phony.split())
 
 
-@pytest.mark.parametrize("target", ["run", "check", "test", "test-slow"])
-def test_every_target_sets_up_first(clone, target):
+@pytest.mark.parametrize("target", TARGETS)
+def test_every_target_sets_up_first_and_once_and_again_when_what_to_install_changes(clone, target):
     first, *_ = [line for line in make(clone, "--dry-run", target).stdout.splitlines() if " -m venv " in line]
     assert first.endswith(".venv")
-
-
-@pytest.mark.parametrize("target", ["run", "check", "test", "test-slow"])
-def test_a_finished_set_up_is_not_done_again(clone, target):
     newest_s = max(path.stat().st_mtime for path in clone.rglob("*"))
     set_up_at(clone, newest_s + 1)
     planned = make(clone, "--dry-run", target)
     assert planned.returncode == 0, planned.stderr
     assert "pip" not in planned.stdout
+    for changed in ("pyproject.toml", "constraints.txt"):
+        os.utime(clone / changed, (newest_s + 2, newest_s + 2))
+        assert "pip install" in make(clone, "--dry-run", target).stdout
+        os.utime(clone / changed, (newest_s, newest_s))
 
 
-@pytest.mark.parametrize("changed", ["pyproject.toml", "constraints.txt"])
-def test_the_set_up_is_done_again_when_what_to_install_changes(clone, changed):
-    newest_s = max(path.stat().st_mtime for path in clone.rglob("*"))
-    set_up_at(clone, newest_s + 1)
-    os.utime(clone / changed, (newest_s + 2, newest_s + 2))
-    assert "pip install" in make(clone, "--dry-run", "run").stdout
-
-
-def test_a_missing_python_is_named(clone):
-    refused = make(clone, "run", "PYTHON=no-such-python")
+@pytest.mark.parametrize(
+    ("preparation", "told"),
+    [
+        (None, "There is no command no-such-python. Python 3.11 or newer is needed."),
+        ("sys.version_info = (3, 10, 13)", "Python 3.11 or newer is needed."),
+        ("sys.modules['ensurepip'] = None", "python3-venv"),
+    ],
+)
+def test_a_python_that_will_not_do_is_refused(clone, preparation, told):
+    python = "no-such-python" if preparation is None else stand_in_python(clone, preparation)
+    refused = make(clone, "run", f"PYTHON={python}")
     assert refused.returncode != 0
-    assert "There is no command no-such-python. Python 3.11 or newer is needed." in refused.stderr
-    assert not (clone / ".venv").exists()
-
-
-def test_a_python_that_is_too_old_is_refused(clone):
-    old = stand_in_python(clone, "sys.version_info = (3, 10, 13)")
-    refused = make(clone, "run", f"PYTHON={old}")
-    assert refused.returncode != 0
-    assert "Python 3.11 or newer is needed." in refused.stderr
-    assert not (clone / ".venv").exists()
-
-
-def test_a_python_without_ensurepip_is_told_what_to_install(clone):
-    bare = stand_in_python(clone, "sys.modules['ensurepip'] = None")
-    refused = make(clone, "run", f"PYTHON={bare}")
-    assert refused.returncode != 0
-    assert "python3-venv" in refused.stderr
+    assert told in refused.stderr
     assert not (clone / ".venv").exists()
 
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import network_namespaces
 import pytest
 import zenoh_peer
-from attempts import ATTEMPTS, got_through, ping, tcp, udp
+from attempts import ATTEMPTS, got_through, named, ping, tcp, udp
 from network_namespaces import Network, NetworkError, Place, command, left
-from process_helpers import UNSPOKEN, lanes, write_scenario
+from process_helpers import FAR_SIGHTED, UNSPOKEN, lanes, write_scenario
 
 from fleet.keys.authority import Device
 from fleet.keys.folders import create
@@ -55,13 +55,9 @@ def keys_for(network: Network, directory: Path) -> Path:
 
 
 def test_a_run_with_keys_arrives_across_namespaces(network, process, tmp_path):
-    keys = keys_for(network, tmp_path / "keys")
-    scenario = write_scenario(
-        tmp_path / "lanes.yaml",
-        lanes(len(network.robots), LENGTH_M),
-        horizons={"prediction_steps": 12, "estimation_steps": 3},
-    )
-    endpoint = f"tls/{network.world.address}:7447"
+    keys, endpoint = keys_for(network, tmp_path / "keys"), f"tls/{network.world.address}:7447"
+    robots = lanes(len(network.robots), LENGTH_M)
+    scenario = write_scenario(tmp_path / "lanes.yaml", robots, horizons=FAR_SIGHTED)
 
     def start(place: Place, module: str, **options: object):
         env = {f"UNSPOKEN_{name.upper()}": value for name, value in options.items()}
@@ -93,11 +89,8 @@ def test_robots_reach_the_world_and_one_another_only_if_their_ports_are_not_isol
     everybody = set(permutations(network.places, 2))
     among_robots = set(permutations(network.robots, 2))
     open_to_each_other = everybody - among_robots if network.isolated else everybody
-    assert got_through(ATTEMPTS, everybody) == {
-        (attempt.__name__, source.name, target.name)
-        for attempt in ATTEMPTS
-        for source, target in open_to_each_other
-    }
+    expected = ((attempt, *pair) for attempt in ATTEMPTS for pair in open_to_each_other)
+    assert got_through(ATTEMPTS, everybody) == named(expected)
     # All have asked for all others' hardware addresses by now.
     assert {(one, other) for one, other in everybody if one.knows(other)} == open_to_each_other
 
@@ -136,11 +129,9 @@ def test_robots_that_use_the_world_as_a_gateway_reach_one_another_only_if_it_for
             robot.set(f"ipv4/conf/{interface}/accept_redirects", 0)
         route = (other.address, "via", network.world.address)
         command("ip", "-n", robot.namespace, "route", "add", *route)
-    open_ways = ways if forwarding else []
     attempts = (tcp, udp, ping)
-    assert got_through(attempts, ways) == {
-        (attempt.__name__, source.name, target.name) for attempt in attempts for source, target in open_ways
-    }
+    expected = ((attempt, *way) for attempt in attempts for way in ways if forwarding)
+    assert got_through(attempts, ways) == named(expected)
 
 
 def test_a_set_up_that_fails_half_way_leaves_nothing(monkeypatch):

@@ -90,35 +90,21 @@ class Source:
 
 @pytest.fixture
 def users(tmp_path):
-    def private(name, text):
-        path = tmp_path / name
-        path.touch(mode=0o600)
-        path.write_text(text)
-        return path
-
-    private("me", "secret")
-    return private("users", "me:secret\nother:another\n")
+    """The world's file of passwords, beside one with that of the robot."""
+    for name, text in {"me": "secret", "users": "me:secret\nother:another\n"}.items():
+        (tmp_path / name).touch(mode=0o600)
+        (tmp_path / name).write_text(text)
+    return tmp_path / "users"
 
 
 @pytest.mark.slow
-def test_a_source_of_protocol_alone_drives_a_robot_to_its_goal(process, temporary, users):
-    endpoint = f"unixsock-stream/{temporary}/s"
+def test_a_source_of_protocol_alone_drives_a_robot_to_its_goal_and_may_be_replaced(process, endpoint, users):
+    login = ("--password-file", users.with_name("me"))
+    goal = {"UNSPOKEN_GOAL": ",".join(map(str, GOAL))}
+    agent = process(
+        "agent", "agent", "--robot", "me", "--connect", endpoint, "--run", "hall", *login, env=goal
+    )
     with Source(endpoint, users, epoch=11) as source:
-        agent = process(
-            "agent",
-            "agent",
-            *(
-                "--robot",
-                "me",
-                "--connect",
-                endpoint,
-                "--run",
-                "hall",
-                "--password-file",
-                users.with_name("me"),
-            ),
-            env={"UNSPOKEN_GOAL": ",".join(map(str, GOAL))},
-        )
         assert source.present.wait(PATIENCE_S)
         step = 1  # there is no step 0: nobody has made sure that all robots stand
         while math.dist(source.state, (*GOAL, 0.0)) > SCENE.arrival_tolerance:
@@ -139,24 +125,12 @@ def test_a_source_of_protocol_alone_drives_a_robot_to_its_goal(process, temporar
         source.says(step + 2, age_steps=3, accuracy=Accuracy(position_m=0.01))
         assert not source.hears(step + 2).withheld
         assert source.commands.empty()
+        assert agent.told.count("joined") == 1
+    with Source(endpoint, users, epoch=12) as source:
+        assert source.present.wait(PATIENCE_S)
+        source.says(7)
+        assert not source.hears(7).withheld
+        agent.tells("epoch=12")
+        assert agent.told.count("joined") == 2
         assert agent.running
     assert agent.complained == ""
-    assert agent.told.count("joined") == 1
-
-
-@pytest.mark.slow
-def test_an_agent_goes_over_to_a_source_with_another_epoch(process, temporary, users):
-    endpoint = f"unixsock-stream/{temporary}/s"
-    agent = process(
-        "agent",
-        "agent",
-        *("--robot", "me", "--connect", endpoint, "--run", "hall", "--password-file", users.with_name("me")),
-        env={"UNSPOKEN_GOAL": ",".join(map(str, GOAL))},
-    )
-    for epoch in (21, 22):
-        with Source(endpoint, users, epoch) as source:
-            assert source.present.wait(PATIENCE_S)
-            source.says(7)
-            assert not source.hears(7).withheld
-    agent.tells("epoch=22")
-    assert agent.told.count("joined") == 2

@@ -4,16 +4,13 @@ The bench does, by about a kibibyte a step: it keeps every robot's way for the p
 """
 
 import os
-import threading
 from collections import Counter
 from statistics import median
 
 import psutil
 import pytest
-import zenoh
+from process_helpers import PATIENCE_S
 
-from fleet.record.recording import read_recording
-from protocol.codec import decode
 from protocol.messages import Command, Mind, Truth
 from protocol.scenario import Pose, Scenario, ScenarioRobot, scenario_text
 
@@ -38,29 +35,17 @@ def shuttling() -> Scenario:
         for name, (x, y) in zip("1234", corners, strict=True)
     ]
     aside = ScenarioRobot(id=BROKEN_DOWN, start=Pose(x_m=9.0, y_m=9.0), goal=Pose(x_m=-9.0, y_m=9.0))
+    turns = {"kind": "turns-back", "duration_s": TURN_S}
     back = [
-        {
-            "kind": "turns-back",
-            "robots": pair,
-            "start_s": start_s + 0.5 * TURN_S * index,
-            "duration_s": TURN_S,
-        }
+        {**turns, "robots": pair, "start_s": start_s + 0.5 * TURN_S * index}
         for start_s in range(int(TURN_S / 2), int(SOAK_S), int(2 * TURN_S))
         for index, pair in enumerate(PAIRS)
     ]
     broken = {"kind": "stops", "robots": (BROKEN_DOWN,)}
+    faults = [broken, *back]
     return Scenario.model_validate(
-        {
-            "name": "soak",
-            "time_limit_s": SOAK_S,
-            "robots": [*robots, aside],
-            "faults": [broken, *back],
-        }
+        {"name": "soak", "time_limit_s": SOAK_S, "robots": [*robots, aside], "faults": faults}
     )
-
-
-def memory_by_process(pids) -> dict[int, int]:
-    return {pid: psutil.Process(pid).memory_info().rss for pid in pids}
 
 
 @pytest.mark.slow
@@ -70,31 +55,18 @@ def test_for_as_long_as_robots_cross_nothing_grows_and_nothing_is_lost(tmp_path,
     path.write_text(scenario_text(shuttling()), encoding="utf-8")
     run = bench("out", "run", path, "--goals", "joint-fit")
     steps = round(10 * SOAK_S)
-    early, late = [], []
-    passed = {share: threading.Event() for share in EARLY + LATE}
-
-    def look(sample: zenoh.Sample) -> None:
-        step = decode(Truth, sample.payload.to_bytes()).step
-        for share, event in passed.items():
-            if step >= share * steps:
-                event.set()
-
-    with run.listening() as session:
-        _truths = session.declare_subscriber(run.keys().truth, look)
-        for share, event in passed.items():
-            assert event.wait(SOAK_S), f"{share:.0%} of the run did not come"
-            (early if share in EARLY else late).append(memory_by_process(run.children()))
+    samples = {EARLY: [], LATE: []}
+    for shares, sampled in samples.items():
+        for share in shares:
+            run.reach(round(share * steps), patience_s=PATIENCE_S + SOAK_S)
+            sampled.append({pid: psutil.Process(pid).memory_info().rss for pid in run.children()})
     assert run.end() == 1, run.complained
-    for pid in early[0]:
-        before, after = (median(sample[pid] for sample in samples) for samples in (early, late))
+    for pid in samples[EARLY][0]:
+        before, after = (median(sample[pid] for sample in sampled) for sampled in samples.values())
         print(f"process {pid}: {before / 2**20:.1f} MiB, later {after / 2**20:.1f} MiB")
         assert after < (1.0 + WITHIN) * before
-    counts, last = Counter(), None
-    for _, message in read_recording(run.out / "run.mcap"):
-        if isinstance(message, Command | Mind):
-            counts[type(message), message.robot] += 1
-        elif isinstance(message, Truth):
-            last = message
+    counts = Counter((type(each), each.robot) for each in (*run.messages(Command), *run.messages(Mind)))
+    last = run.messages(Truth)[-1]
     assert last.step == steps
     assert last.collisions == ()
     assert {robot.deadline_misses for robot in last.robots.values()} == {0}

@@ -25,8 +25,12 @@ COMMANDS = {
 """And where they come from."""
 COMPOSE = Path(sys.executable).parent / "docker-compose"
 PATIENCE_S = 60.0
-LONGEST_S = 600.0
-"""For one command."""
+LONGEST_S = 1800.0
+"""For one command; an image of an agent takes minutes, in which the solver is compiled."""
+_APART = (
+    *("setpriv", "--pdeathsig", "KILL"),
+    *("unshare", "--net", "--mount", "--pid", "--fork", "--kill-child", "--mount-proc"),
+)
 # Names are looked up in vain outside: that is to be short.
 _START = """
 mount -t tmpfs tmpfs /run && ip link set lo up && exec dockerd --host "unix://$1/socket" \
@@ -96,11 +100,7 @@ class Engine:
             notified.settimeout(PATIENCE_S)
             with (self.folder / "log").open("wb") as log:
                 self._process = subprocess.Popen(
-                    [
-                        *("setpriv", "--pdeathsig", "KILL"),
-                        *("unshare", "--net", "--mount", "--pid", "--fork", "--kill-child", "--mount-proc"),
-                        *("tini", "--", "sh", "-euc", _START, "sh", str(self.folder)),
-                    ],
+                    [*_APART, "tini", "--", "sh", "-euc", _START, "sh", str(self.folder)],
                     env=self.environment | {"NOTIFY_SOCKET": str(self.folder / "notify")},
                     stdin=subprocess.DEVNULL,
                     stdout=log,

@@ -28,24 +28,9 @@ def copy_sources(folder: Path) -> Path:
         if (ROOT / name).is_file():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, folder / name)
-    subprocess.run(
-        [
-            *(
-                sys.executable,
-                "-m",
-                "pip",
-                "download",
-                "--quiet",
-                "--dest",
-                "wheels",
-                "--only-binary",
-                ":all:",
-            ),
-            *("--constraint", "constraints.txt", "--python-version", "3.11", "setuptools>=77", "."),
-        ],
-        cwd=folder,
-        check=True,
-    )
+    pip = [sys.executable, "-m", "pip", "download", "--quiet", "--dest", "wheels", "--only-binary", ":all:"]
+    pinned = ["--constraint", "constraints.txt", "--python-version", "3.11", "setuptools>=77", "."]
+    subprocess.run([*pip, *pinned], cwd=folder, check=True)
     return folder
 
 

@@ -44,7 +44,6 @@ def pip(*arguments: object, python: str) -> str:
     return done.stdout
 
 
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize("python", PYTHONS)
 def test_there_are_wheels_for_all_that_an_agent_needs(python, tmp_path):
     """Of the pinned versions, which pip would refuse to leave for others."""

@@ -131,6 +131,8 @@ class Stage:
         self._reached = threading.Condition()
         self.truths: list[Truth] = []
         self.bench_got: list[tuple[str, bytes]] = []
+        self.kept: Any = None
+        """What a cheat has declared, which lasts no longer than it is kept."""
 
     def __enter__(self) -> Self:
         self._closing.callback(shutil.rmtree, self._folder)

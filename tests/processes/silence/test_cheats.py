@@ -11,7 +11,7 @@ from zenoh.ext import CacheConfig, HistoryConfig, declare_advanced_publisher, de
 from protocol.codec import encode
 from protocol.messages import Mind, Timings
 
-FOREIGN = (
+SAYING = (
     KEYS.pose("2"),
     KEYS.pose("3"),
     KEYS.command("2"),
@@ -26,10 +26,10 @@ FOREIGN = (
     "unspoken/run/secret",
     "unspoken/other/pose/2",
     "somewhere/else",
+    KEYS.command("1"),  # it has the right to put on these two alone
+    KEYS.mind("1"),
 )
-"""What robot 1 has no right to put."""
-SAYING = (*FOREIGN, KEYS.command("1"), KEYS.mind("1"))
-"""Where it tries to reach its accomplice."""
+"""Where robot 1 tries to reach its accomplice."""
 INTERESTS = (
     KEYS.pose("1"),
     KEYS.pose("3"),
@@ -137,9 +137,7 @@ def standing_for_another(stage: Stage, evidence: Evidence) -> None:
     real = frozenset(KEYS.alive(robot) for robot in ROBOTS)
     stage.router.liveliness().declare_subscriber(KEYS.everyone_alive, keep(evidence, real), history=True)
     session = stage.connect("1")
-    stage.kept = [  # type: ignore[attr-defined]
-        session.liveliness().declare_token(KEYS.alive(robot)) for robot in ("4", "left")
-    ]
+    stage.kept = [session.liveliness().declare_token(KEYS.alive(robot)) for robot in ("4", "left")]
 
 
 def answering_for_the_world(stage: Stage, evidence: Evidence) -> None:
@@ -147,19 +145,19 @@ def answering_for_the_world(stage: Stage, evidence: Evidence) -> None:
     session = stage.connect("1")
     asked = KEYS.scene_for("2")
     for key in (asked, KEYS.scene, "unspoken/run/scene/*", "**"):
-        session.declare_queryable(key, answer(asked, asked))
+        session.declare_queryable(key, answer(asked))
     stage.passes(2)
     ask(stage, asked, evidence)
 
 
 def answering_questions(stage: Stage, evidence: Evidence) -> None:
     """Robot 2 asks robot 1 on a key of theirs."""
-    stage.connect("1").declare_queryable("unspoken/run/secret", answer("unspoken/run/secret", ""))
+    stage.connect("1").declare_queryable("unspoken/run/secret", answer("unspoken/run/secret"))
     stage.passes(2)
     ask(stage, "unspoken/run/secret", evidence)
 
 
-def answer(key: str, _scene: str) -> Callable[[zenoh.Query], None]:
+def answer(key: str) -> Callable[[zenoh.Query], None]:
     def say(query: zenoh.Query) -> None:
         with query:
             query.reply(key, MARK)
@@ -212,7 +210,7 @@ def advanced(key: str) -> Cheat:
             history=HistoryConfig(detect_late_publishers=True),
             subscriber_detection=True,
         )
-        stage.kept = (publisher, subscriber)  # type: ignore[attr-defined]
+        stage.kept = (publisher, subscriber)
         stage.passes(2)
 
     return cheat
@@ -231,68 +229,54 @@ def looking_into_the_router(stage: Stage, evidence: Evidence) -> None:
 def matching(stage: Stage, evidence: Evidence) -> None:
     """Robot 1 is told whether robot 2 listens: one bit each time it subscribes or leaves."""
     key = "somewhere/else"  # the bench listens to everything of the run
-
-    def take(status: zenoh.MatchingStatus) -> None:
-        if status.matching:
-            evidence.add(status)
-
     publisher = stage.connect("1").declare_publisher(key)
-    publisher.declare_matching_listener(take)
-    stage.kept = (publisher, stage.connect("2").declare_subscriber(key, keep(Evidence())))  # type: ignore[attr-defined]
+    publisher.declare_matching_listener(matches(evidence))
+    stage.kept = (publisher, stage.connect("2").declare_subscriber(key, keep(Evidence())))
 
 
 def matching_questions(stage: Stage, evidence: Evidence) -> None:
     """The same with a queryable."""
     key = "unspoken/run/secret"
+    querier = stage.connect("1").declare_querier(key)
+    querier.declare_matching_listener(matches(evidence))
+    stage.kept = (querier, stage.connect("2").declare_queryable(key, keep(Evidence())))
 
+
+def matches(evidence: Evidence) -> Callable[[zenoh.MatchingStatus], None]:
     def take(status: zenoh.MatchingStatus) -> None:
         if status.matching:
             evidence.add(status)
 
-    querier = stage.connect("1").declare_querier(key)
-    querier.declare_matching_listener(take)
-    stage.kept = (querier, stage.connect("2").declare_queryable(key, keep(Evidence())))  # type: ignore[attr-defined]
+    return take
 
 
-def attaching(stage: Stage, evidence: Evidence) -> None:
-    """Robot 1 attaches something to a command that is valid in itself."""
-    listen_everywhere(stage, evidence)
-    stage.connect("1").put(KEYS.command("1"), encode(honest("1", 1)), attachment=MARK)
+def saying(key: str, payload: bytes, attachment: bytes | None = None) -> Cheat:
+    """Robot 1 says something on a key of its own, while others listen with all they have."""
+
+    def cheat(stage: Stage, evidence: Evidence) -> None:
+        listen_everywhere(stage, evidence)
+        stage.connect("1").put(key, payload, attachment=attachment)
+
+    return cheat
 
 
-def stuffing(stage: Stage, evidence: Evidence) -> None:
-    """Robot 1 adds a field to its command."""
-    listen_everywhere(stage, evidence)
-    command = encode(honest("1", 1))
-    field = b"\xa1x" + b"\xd9" + bytes([len(MARK)]) + MARK
-    stage.connect("1").put(KEYS.command("1"), bytes([command[0] + 1]) + command[1:] + field)
-
-
-def oversize(stage: Stage, evidence: Evidence) -> None:
-    """Robot 1 sends far more than a command."""
-    listen_everywhere(stage, evidence)
-    stage.connect("1").put(KEYS.command("1"), MARK + bytes(200_000))
-
-
-def thinking_aloud(stage: Stage, evidence: Evidence) -> None:
-    """Robot 1 puts a message into its mind, which only the bench reads."""
-    listen_everywhere(stage, evidence)
-    name = MARK.decode()
-    mind = Mind(
-        epoch=EPOCH,
-        robot="1",
-        step=1,
-        decision=1,
-        cut_short_at=None,
-        arrived=False,
-        estimates={},
-        prediction={name: ((0.0, 0.0),)},
-        plan=(),
-        failed=(),
-        solver_failures=0,
-        timings_ms=Timings(),
-    )
-    stage.connect("1").put(KEYS.mind("1"), encode(mind))
+COMMAND = encode(honest("1", 1))
+FIELD = b"\xa1x" + b"\xd9" + bytes([len(MARK)]) + MARK
+"""One more for a command's map."""
+THOUGHT = Mind(
+    epoch=EPOCH,
+    robot="1",
+    step=1,
+    decision=1,
+    cut_short_at=None,
+    arrived=False,
+    estimates={},
+    prediction={MARK.decode(): ((0.0, 0.0),)},
+    plan=(),
+    failed=(),
+    solver_failures=0,
+    timings_ms=Timings(),
+)
 
 
 def as_somebody(name: str | None, password: str) -> Cheat:
@@ -339,10 +323,10 @@ CHEATS: dict[str, Cheat] = {
     "look into the router": looking_into_the_router,
     "matching of a publisher": matching,
     "matching of a querier": matching_questions,
-    "attach to a command": attaching,
-    "stuff a command": stuffing,
-    "oversize command": oversize,
-    "think aloud": thinking_aloud,
+    "attach to a command": saying(KEYS.command("1"), COMMAND, attachment=MARK),
+    "stuff a command": saying(KEYS.command("1"), bytes([COMMAND[0] + 1]) + COMMAND[1:] + FIELD),
+    "oversize command": saying(KEYS.command("1"), MARK + bytes(200_000)),
+    "think aloud": saying(KEYS.mind("1"), encode(THOUGHT)),
     "another's name, own password": as_somebody("2", "1"),
     "the bench's name, own password": as_somebody("@bench", "1"),
     "a name that nobody has": as_somebody("9", "guess"),

@@ -1,53 +1,88 @@
 """The world as a real process, with scripted robots on real sessions."""
 
-import os
 import signal
 import socket
-import threading
+import sys
 
 import pytest
+import zenoh
+from process_helpers import Process, Truths
 from world_helpers import KEYS, PATIENCE_S, SPRINT_STEPS, command, lanes, sprint
-from world_processes import Robot, TruthRecorder, WorldProcess, connect, write_scenario
 
 from protocol.codec import decode, encode
-from protocol.messages import PublicScene
-from protocol.scenario import Sensing
+from protocol.messages import Observation
+from protocol.scenario import Sensing, scenario_text
+from protocol.session import client_session
 from world.world import World
 
 
+def connect(endpoint):
+    """A client's session that gives up when no world comes: a failing test must not hang."""
+    return zenoh.open(client_session(endpoint, patience_s=PATIENCE_S).to_zenoh())
+
+
+class Robot:
+    """Answers every observation with its sprint. `before` and `silent_from` make it misbehave."""
+
+    def __init__(self, endpoint, name, *, silent_from=None, before=lambda session, seen: None):
+        self.name = name
+        self.seen = []
+        self._silent_from = silent_from
+        self._before = before
+        self.session = connect(endpoint)
+        self._commands = self.session.declare_publisher(KEYS.command(name))
+        self._poses = self.session.declare_subscriber(KEYS.pose(name), self._answer)
+        self._token = self.session.liveliness().declare_token(KEYS.alive(name))
+
+    def _answer(self, sample):
+        seen = decode(Observation, sample.payload.to_bytes())
+        self.seen.append(seen)
+        self._before(self.session, seen)
+        if self._silent_from is None or seen.step < self._silent_from:
+            answer = command(self.name, seen.step, sprint(seen.step), epoch=seen.epoch)
+            self._commands.put(encode(answer))
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.session.close()
+
+
 @pytest.fixture
-def start(tmp_path, endpoint):
-    """Start a world on a scenario; it is ended at the latest with the test."""
-    worlds = []
+def start(tmp_path, endpoint, process):
+    """Start a world on a scenario."""
 
-    def start_world(scenario, *arguments):
-        path = write_scenario(tmp_path / "scenario.yaml", scenario)
-        worlds.append(WorldProcess("--scenario", path, "--listen", endpoint, *arguments))
-        return worlds[-1]
+    def start_world(scenario, *arguments, **env) -> Process:
+        path = tmp_path / "scenario.yaml"
+        path.write_text(scenario_text(scenario))
+        told = {"UNSPOKEN_SCENARIO": path, "UNSPOKEN_LISTEN": endpoint, **env}
+        return process("world", *arguments, env=told, program=(sys.executable, "-m", "world"))
 
-    yield start_world
-    for world in worlds:
-        world.__exit__()
+    return start_world
 
 
 def test_two_robots_drive_to_the_verdict_and_every_truth_is_delivered(start, endpoint):
-    world = start(lanes(2))
-    with TruthRecorder(endpoint) as bench, Robot(endpoint, "1") as one, Robot(endpoint, "2") as two:
+    scenario = lanes(2, sensing=Sensing(position_noise_m=0.1))
+    world = start(scenario, "--seed", "12")
+    with Truths(connect(endpoint), KEYS) as bench, Robot(endpoint, "1") as one, Robot(endpoint, "2") as two:
         last = bench.ended()
-        assert world.end() == (0, "")
-        assert [truth.step for truth in bench.truths] == list(range(SPRINT_STEPS + 1))
-        assert [truth.verdict for truth in bench.truths[:-1]] == [None] * SPRINT_STEPS
-        assert (
-            [seen.step for seen in one.seen] == [seen.step for seen in two.seen] == list(range(SPRINT_STEPS))
-        )
-        assert len({message.epoch for message in (*bench.truths, *one.seen, *two.seen)}) == 1
+        assert world.end() == 0
+        assert world.complained == ""
+        assert [truth.step for truth in bench.all] == list(range(SPRINT_STEPS + 1))
+        assert [truth.verdict for truth in bench.all[:-1]] == [None] * SPRINT_STEPS
+        for robot in (one, two):
+            assert [seen.step for seen in robot.seen] == list(range(SPRINT_STEPS))
+        assert len({message.epoch for message in (*bench.all, *one.seen, *two.seen)}) == 1
     assert last.verdict == "arrived"
     assert {robot: true.arrived_s for robot, true in last.robots.items()} == pytest.approx(
         {"1": 2.0, "2": 2.0}
     )
     assert sum(robot.deadline_misses for robot in last.robots.values()) == 0
-    assert "all robots present" in world.log
-    assert "verdict=arrived" in world.log
+    first = World(scenario, seed=12, epoch=last.epoch).observations()
+    assert (one.seen[0], two.seen[0]) == (first["1"], first["2"]), "the seed reaches the sensors"
+    assert "all robots present" in world.told
+    assert "verdict=arrived" in world.told
 
 
 def spoil(session, seen):
@@ -61,146 +96,77 @@ def spoil(session, seen):
 
 def test_garbage_and_misattributed_commands_are_refused_and_leave_the_run_as_it_is(start, endpoint):
     world = start(lanes(2))
-    with TruthRecorder(endpoint) as bench, Robot(endpoint, "1", before=spoil), Robot(endpoint, "2"):
+    with Truths(connect(endpoint), KEYS) as bench, Robot(endpoint, "1", before=spoil), Robot(endpoint, "2"):
         bench.ended()
-        assert world.end()[0] == 0
-    core = World(lanes(2), seed=0, epoch=bench.truths[0].epoch)
-    for truth in bench.truths:
+        assert world.end() == 0
+    core = World(lanes(2), seed=0, epoch=bench.all[0].epoch)
+    for truth in bench.all:
         assert truth.model_copy(update={"refused": {}}) == core.truth()
         if not core.over:
-            core.advance(
-                {
-                    robot: command(robot, core.step, sprint(core.step), epoch=truth.epoch)
-                    for robot in core.robots
-                }
-            )
+            acceleration = sprint(core.step)
+            core.advance({r: command(r, core.step, acceleration, epoch=truth.epoch) for r in core.robots})
     assert core.over
-    refused_of_1 = bench.truths[-1].refused["1"]
-    assert refused_of_1.pop("not a valid message") >= 2 * (SPRINT_STEPS - 1)  # garbage, and the deletion
-    for reason in ("answers another step", "answers another epoch"):
-        assert refused_of_1[reason] >= SPRINT_STEPS - 1
-    assert bench.truths[-1].refused["2"]["names another robot"] >= SPRINT_STEPS - 1
-    for reason in (
-        "not a valid message",
-        "names another robot",
-        "answers another step",
-        "answers another epoch",
-    ):
-        refused = [
-            line for line in world.log.splitlines() if "command refused" in line and f"'{reason}'" in line
-        ]
-        assert len(refused) == 1, (reason, world.log)
-
-
-def test_missing_robots_are_named(start):
-    world = start(lanes(2), "--start-timeout", "0.2")
-    status, told = world.end()
-    assert status == 3
-    assert "missing: 1, 2. Step 0 was not published" in told
-    assert "Traceback" not in told
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_at_the_barrier_interrupts_the_run(start, endpoint, number):
-    world = start(lanes(2))
-    with TruthRecorder(endpoint) as bench, Robot(endpoint, "1"):
-        world.wait_for("missing=2")
-        world.signal(number)
-        last = bench.ended()
-        assert world.end() == (1, "")
-    assert (last.step, last.verdict) == (0, "interrupted")
-    assert len(bench.truths) == 1
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_while_waiting_for_a_command_interrupts_the_run(start, endpoint, number):
-    world = start(lanes(2))
-    with TruthRecorder(endpoint) as bench, Robot(endpoint, "1"), Robot(endpoint, "2", silent_from=5):
-        bench.reached(5)
-        world.signal(number)
-        bench.ended()
-        assert world.end() == (1, "")
-    assert [truth.step for truth in bench.truths] == [0, 1, 2, 3, 4, 5, 5]
-    assert [truth.verdict for truth in bench.truths] == [None] * 6 + ["interrupted"]
-
-
-@pytest.mark.parametrize("exchange_goals", [False, True])
-def test_the_scene_tells_everything_but_the_goals_unless_asked_to(start, endpoint, exchange_goals):
-    scenario = lanes(2, safety_margin_m=0.3)
-    world = start(scenario, *["--exchange-goals"] * exchange_goals)
-    world.wait_for("waiting for robots")
-    with connect(endpoint) as session:
-        (reply,) = session.get(KEYS.scene)
-    scene = decode(PublicScene, reply.ok.payload.to_bytes()).scene
-    assert scene == scenario.scene(with_goals=exchange_goals)
-    assert (scene.goals is not None) is exchange_goals
-
-
-def test_a_robot_that_comes_before_the_world_waits_for_it(start, endpoint):
-    robots = []
-    early = threading.Thread(target=lambda: robots.append(Robot(endpoint, "1")), daemon=True)
-    early.start()
-    world = start(lanes(1))
-    early.join(PATIENCE_S)
-    with robots[0]:
-        assert world.end()[0] == 0
-        assert [seen.step for seen in robots[0].seen] == list(range(SPRINT_STEPS))
-
-
-def test_a_seed_given_to_the_process_reaches_the_sensors(start, endpoint):
-    scenario = lanes(1, sensing=Sensing(position_noise_m=0.1))
-    world = start(scenario, "--seed", "12")
-    with Robot(endpoint, "1") as robot:
-        assert world.end()[0] == 0
-    first = robot.seen[0]
-    assert first == World(scenario, seed=12, epoch=first.epoch).observations()["1"]
-
-
-def test_a_port_in_use_is_a_clear_error(tmp_path):
-    path = write_scenario(tmp_path / "scenario.yaml", lanes(1))
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        listen = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
-        with WorldProcess("--scenario", path, "--listen", listen) as world:
-            status, told = world.end()
-    assert status == 3
-    assert f"the endpoint {listen} cannot be opened" in told
-    assert "Address already in use" in told
-    assert "--listen" in told
-    assert "Traceback" not in told
-    assert ".rs" not in told
-
-
-def test_every_option_can_come_from_the_environment(tmp_path, endpoint):
-    told = {
-        "UNSPOKEN_SCENARIO": write_scenario(tmp_path / "scenario.yaml", lanes(2)),
-        "UNSPOKEN_LISTEN": endpoint,
-        "UNSPOKEN_RUN": "evening",
-        "UNSPOKEN_CLOCK": "realtime",
-        "UNSPOKEN_SEED": 5,
-        "UNSPOKEN_EXCHANGE_GOALS": 1,
-        "UNSPOKEN_START_TIMEOUT": 0.25,
-        "UNSPOKEN_ANSWER_TIMEOUT": 3,
+    refused = bench.all[-1].refused
+    least = {
+        ("1", "not a valid message"): 2 * (SPRINT_STEPS - 1),  # garbage, and the deletion
+        ("1", "answers another step"): SPRINT_STEPS - 1,
+        ("1", "answers another epoch"): SPRINT_STEPS - 1,
+        ("2", "names another robot"): SPRINT_STEPS - 1,
     }
-    with WorldProcess(env=os.environ | {name: str(value) for name, value in told.items()}) as world:
-        status, told_error = world.end()
-    assert status == 3
-    assert "0.25 s" in told_error
-    for text in ("run=evening", "clock=realtime", "seed=5", "exchange_goals=True", f"listen={endpoint}"):
-        assert text in world.log
+    for (robot, reason), number in least.items():
+        assert refused[robot][reason] >= number
+        logged = [line for line in world.told.splitlines() if "command refused" in line and reason in line]
+        assert len(logged) == 1, (reason, world.told)
+
+
+def test_a_signal_while_waiting_for_a_command_interrupts_the_run(start, endpoint):
+    world = start(lanes(2))
+    with Truths(connect(endpoint), KEYS) as bench, Robot(endpoint, "1"), Robot(endpoint, "2", silent_from=5):
+        bench.reached(5)
+        world.signal(signal.SIGTERM)
+        bench.ended()
+        assert world.end() == 1
+    assert world.complained == ""
+    assert [truth.step for truth in bench.all] == [0, 1, 2, 3, 4, 5, 5]
+    assert [truth.verdict for truth in bench.all] == [None] * 6 + ["interrupted"]
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "status", "told"),
     [
-        (("--listen", "tcp/0.0.0.0:7447"), "say --insecure"),
-        (("--listen", "tcp/127.0.0.1:7447", "--users", "/nowhere/users"), "/nowhere/users: cannot be read"),
-        (("--listen", "tls/0.0.0.0:7447"), "'unspoken keys create'"),
+        (
+            ("--listen", "tcp/127.0.0.1:{port}"),
+            3,
+            "the endpoint tcp/127.0.0.1:{port} cannot be opened",
+        ),
+        (("--listen", "tcp/0.0.0.0:7447"), 2, "say --insecure"),
+        (("--users", "/nowhere/users"), 2, "/nowhere/users: cannot be read"),
+        (("--listen", "tls/0.0.0.0:7447"), 2, "'unspoken keys create'"),
     ],
 )
-def test_wrong_access_is_wrong_usage_without_a_traceback(tmp_path, arguments, told):
-    path = write_scenario(tmp_path / "scenario.yaml", lanes(2))
-    with WorldProcess("--scenario", path, *arguments) as world:
-        status, complained = world.end()
-    assert status == 2
-    assert told in complained
-    assert "Traceback" not in complained
+def test_a_world_that_cannot_be_opened_says_why(start, arguments, status, told):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        world = start(lanes(1), *(each.format(port=port) for each in arguments))
+        assert world.end() == status
+    assert told.format(port=port) in world.complained
+    for trace in ("Traceback", ".rs"):
+        assert trace not in world.complained
+
+
+def test_every_option_can_come_from_the_environment_and_missing_robots_are_named(start, endpoint):
+    told = {
+        "RUN": "evening",
+        "CLOCK": "realtime",
+        "SEED": 5,
+        "EXCHANGE_GOALS": 1,
+        "START_TIMEOUT": 0.25,
+        "ANSWER_TIMEOUT": 3,
+    }
+    world = start(lanes(2), **{f"UNSPOKEN_{name}": value for name, value in told.items()})
+    assert world.end() == 3
+    assert "0.25 s" in world.complained
+    assert "missing: 1, 2. Step 0 was not published" in world.complained
+    assert "Traceback" not in world.complained
+    for text in ("run=evening", "clock=realtime", "seed=5", "exchange_goals=True", f"listen={endpoint}"):
+        assert text in world.told
