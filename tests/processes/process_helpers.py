@@ -27,7 +27,6 @@ from protocol.keys import BENCH_NAME, Keys
 from protocol.messages import Message, Mind, Timings, TrueRobot, Truth
 from protocol.session import client_session
 from protocol.vehicle import Input, Limits, braking_input
-from scenarios import find
 
 PATIENCE_S = 240.0
 """How long a test waits for what should come; only reached when it fails."""
@@ -42,13 +41,6 @@ DEFAULT_LIMITS = Limits()
 def write_scenario(path: Path, robots: list[dict[str, Any]], **rules: Any) -> Path:
     content = {"name": path.stem, "horizons": SHORT_SIGHTED, "robots": robots, **rules}
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
-    return path
-
-
-def bundled_with(path: Path, name: str, **rules: Any) -> Path:
-    """A bundled scenario with other rules."""
-    content = yaml.safe_load(find(name).read_text(encoding="utf-8"))
-    path.write_text(yaml.safe_dump({**content, **rules}), encoding="utf-8")
     return path
 
 

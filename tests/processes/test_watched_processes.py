@@ -28,7 +28,7 @@ class Stage:
 
     def __init__(self, process, folder: Path, hangs: str = "") -> None:
         self._process, self._hangs = process, hangs
-        self.endpoint = f"unixsock-stream/{folder}/world"
+        self.endpoint = f"unixsock-stream/{folder}/w"
         settings = {
             "agent": {"ROBOT": 1, "GOAL": "900,0,0", "CONNECT": self.endpoint},
             "world": {"SCENARIO": endless(folder / "endless.yaml", 1), "LISTEN": self.endpoint},
