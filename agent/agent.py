@@ -9,8 +9,7 @@ from agent.estimate.goals import known_goal
 from agent.methods import Method, method_of
 from agent.remember.arrivals import Arrivals
 from agent.remember.perception import Perception
-from agent.solve import ITERATIONS, SolverName, joint_solver
-from agent.solve.deadline import Clock, Deadline
+from agent.solve import ITERATIONS, Clock, Deadline, SolverName, joint_solver
 from agent.telemetry import Stopwatch, Telemetry, Thought
 from protocol.messages import Command, Mind, Observation
 from protocol.scene import Goal, Scene

@@ -5,10 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.estimate import ESTIMATORS, GoalsName
-from agent.estimate.constant_acceleration import ConstantAcceleration
-from agent.estimate.goals import GoalEstimator, Unestimated
+from agent.estimate.goals import ConstantAcceleration, GoalEstimator, Unestimated
 from agent.remember.memory import Memory
-from agent.solve.deadline import Deadline
+from agent.solve import Deadline
 from agent.solve.orca import OrcaPlanner
 from agent.solve.planning import JointPlan, Planner
 from agent.solve.prediction import IndependentPredictor, Predictor

@@ -4,8 +4,7 @@ from collections.abc import Callable
 from typing import Literal
 
 from agent.estimate.bilevel import Bilevel
-from agent.estimate.constant_acceleration import ConstantAcceleration
-from agent.estimate.goals import Exchanged, GoalEstimator
+from agent.estimate.goals import ConstantAcceleration, Exchanged, GoalEstimator
 from agent.estimate.inverse_optimal_control import InverseOptimalControl
 from agent.estimate.joint_fit import JointFit
 from agent.estimate.kalman_filter import KalmanFilter

@@ -17,11 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.estimate.window import Window, WindowStarts, ahead, goals_at, inside, problem_from, window_of
+from agent.estimate.goals import ahead, goals_at, inside
+from agent.estimate.window import Window, WindowStarts, problem_from, window_of
 from agent.remember.memory import Memory
-from agent.solve.deadline import Deadline
+from agent.solve import Deadline
 from agent.solve.problem import JointProblem, Solution, Start
-from agent.solve.realtime.solver import RealTimeSolver, Response, respond
+from agent.solve.realtime.solver import RealTimeSolver, respond
 from agent.solve.vehicle import Array, rollout
 from protocol.scene import Area, Scene
 
@@ -43,12 +44,18 @@ SOLVER = RealTimeSolver(10, Deadline(lambda: 0.0, None))
 longer than 10. No estimate depends on the clock."""
 
 
-class Misfit(NamedTuple):
-    """How badly a goal explains what was seen: the upper level's objective, to second order."""
+class Fit(NamedTuple):
+    """A goal, the lower level's solution for it, and the upper level's objective there, to second order."""
 
-    value: float
+    goal: Array
+    solution: Solution
+    misfit: float
     gradient: Array
     curvature: Array
+
+    def beats(self, other: "Fit") -> bool:
+        """Whether this goal explains more."""
+        return self.solution.solved and self.misfit < other.misfit
 
 
 class Bilevel:
@@ -75,10 +82,9 @@ class Bilevel:
         if window is None:
             return last
         forward, starts = ForwardProblem(self._scene, memory, window), self._starts[robot]
-        start = starts.start(forward.of(last), window)
-        goal, solution = fitted(forward, last, start, self._scene.area)
-        starts.keep(window, solution)
-        return goal
+        fit = fitted(forward, last, starts.start(forward.of(last), window), self._scene.area)
+        starts.keep(window, fit.solution)
+        return fit.goal
 
 
 class ForwardProblem:
@@ -98,53 +104,42 @@ class ForwardProblem:
         """For a goal at that position (2,), its heading the present one."""
         return problem_from(self._scene, self.window, goal[None], self._others)
 
-    def respond(self, goal: Array, start: Start) -> Response:
-        """Solve to convergence, then find how the solution moves with the goal."""
-        problem = self.of(goal)
-        converged = SOLVER.solve(problem, start)
-        return respond(problem, converged.start(), self.window.states.shape[1])
-
-    def misfit(self, response: Response, goal: Array, last: Array) -> Misfit:
-        """The upper level's objective at a goal."""
-        length = self.window.states.shape[1]
-        missing = ((self.window.states - response.solution.states[:, 1 : length + 1]) / SIGMAS).ravel()
+    def fit(self, goal: Array, start: Start, last: Array) -> Fit:
+        """Solve for a goal to convergence, and judge it by how the solution moves with it."""
+        problem, states = self.of(goal), self.window.states
+        length = states.shape[1]
+        response = respond(problem, SOLVER.solve(problem, start).start(), length)
+        missing = ((states - response.solution.states[:, 1 : length + 1]) / SIGMAS).ravel()
         jacobian = (response.by_goal / SIGMAS).reshape(2, -1)
         off = (goal - last) / PULL_M
-        return Misfit(
-            value=float(0.5 * (missing @ missing + off @ off)),
+        return Fit(
+            goal,
+            response.solution,
+            misfit=float(0.5 * (missing @ missing + off @ off)),
             gradient=off / PULL_M - jacobian @ missing,
             curvature=jacobian @ jacobian.T + np.eye(2) / PULL_M**2,
         )
 
 
-def fitted(forward: ForwardProblem, last: Array, start: Start, area: Area) -> tuple[Array, Solution]:
-    """The upper level: improve an estimate (2,) by Levenberg–Marquardt.
-
-    Returns:
-        The estimate and the forward problem's solution for it; both old, where that could not be solved.
-    """
-    goal, response = last, forward.respond(last, start)
-    here, damping = forward.misfit(response, goal, last), FIRST_DAMPING
-    if response.solution.solved and here.value > UNEXPLAINED * forward.window.states.size:
-        arrived = inside(area, forward.window.states[0, -1, :2])
-        other = forward.respond(arrived, start)
-        misfit = forward.misfit(other, arrived, last)
-        if other.solution.solved and misfit.value < here.value:
-            goal, response, here = arrived, other, misfit
-    if not response.solution.solved:
-        return last, response.solution
+def fitted(forward: ForwardProblem, last: Array, start: Start, area: Area) -> Fit:
+    """The upper level: improve an estimate (2,) by Levenberg–Marquardt; not where it cannot be solved for."""
+    best, damping = forward.fit(last, start, last), FIRST_DAMPING
+    if not best.solution.solved:
+        return best
+    if best.misfit > UNEXPLAINED * forward.window.states.size:
+        arrived = forward.fit(inside(area, forward.window.states[0, -1, :2]), start, last)
+        best = arrived if arrived.beats(best) else best
     for _ in range(ITERATIONS):
-        change = np.linalg.solve(here.curvature + damping * np.eye(2), -here.gradient)
-        there = inside(area, goal + change)
-        if np.linalg.norm(there - goal) < SETTLED_M:
+        change = np.linalg.solve(best.curvature + damping * np.eye(2), -best.gradient)
+        there = inside(area, best.goal + change)
+        if np.linalg.norm(there - best.goal) < SETTLED_M:
             break
-        tried = forward.respond(there, response.solution.start())
-        misfit = forward.misfit(tried, there, last)
-        if tried.solution.solved and misfit.value < here.value:
-            goal, response, here, damping = there, tried, misfit, 0.1 * damping
+        tried = forward.fit(there, best.solution.start(), last)
+        if tried.beats(best):
+            best, damping = tried, 0.1 * damping
         else:
             damping = 10.0 * max(damping, FIRST_DAMPING)
-    return goal, response.solution
+    return best
 
 
 def _path(seen: Array, length: int, steps: int, step_s: float) -> Array:

@@ -1,13 +1,20 @@
-"""What goal estimators give, and the two that estimate nothing: goals are exchanged, or not asked for."""
+"""What goal estimators give, and the simple ones: goals exchanged, unasked, or where speeding up leads."""
 
+from collections.abc import Mapping
 from typing import Protocol
 
 import numpy as np
 
 from agent.remember.memory import Memory
+from agent.solve.compiled import kernel
 from agent.solve.vehicle import Array
 from protocol.scene import Area, Goal, Scene
 from protocol.vehicle import nearest_turn
+
+AHEAD_M = 8.0
+"""At first, a goal is thought to lie so far ahead of its robot,"""
+AHEAD_SIGMA_M = 4.0
+"""give or take so much."""
 
 
 class GoalEstimator(Protocol):
@@ -55,6 +62,30 @@ class Unestimated:
         return {}
 
 
+class ConstantAcceleration:
+    """Applies the maximum jerk within the limits over the prediction horizon; its end is the goal estimate.
+
+    The publication's baseline, and its stand-in until enough states were seen for inverse optimal control.
+    """
+
+    goals_are_shared = False
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+
+    def estimate(self, memory: Memory) -> dict[str, Array]:
+        """See :class:`GoalEstimator`."""
+        return goals_at(self._scene, memory, {robot: self.path(memory, robot)[-1] for robot in memory.robots})
+
+    def path(self, memory: Memory, robot: str) -> Array:
+        """Positions (K + 1, 2) of one robot at the present and the next K stages, in the area or not."""
+        limits = self._scene.robot(robot).limits
+        acceleration = memory.previous_input(robot).acceleration_mps2
+        highest = (limits.speed_mps, limits.acceleration_mps2, limits.jerk_mps3)
+        steps, step_s = self._scene.horizons.prediction_steps, self._scene.step_s
+        return _speeding_up(memory.state(robot), acceleration, highest, steps, step_s)
+
+
 def goal_inside(area: Area, pose: Array) -> Array:
     """A pose (p_x, p_y, ψ, …) as a goal state, its position moved into the drivable area, shape (4,)."""
     x = min(max(pose[0], area.x_min_m), area.x_max_m)
@@ -62,7 +93,47 @@ def goal_inside(area: Area, pose: Array) -> Array:
     return np.array([x, y, pose[2], 0.0])
 
 
+def ahead(area: Area, state: Array) -> Array:
+    """The position (2,) straight ahead, inside the area, where a goal is first thought to lie."""
+    return inside(area, state[:2] + AHEAD_M * np.array([np.cos(state[2]), np.sin(state[2])]))
+
+
+def inside(area: Area, position: Array) -> Array:
+    """A position (2,) moved into the area."""
+    return goal_inside(area, np.append(position, 0.0))[:2]
+
+
+def goals_at(scene: Scene, memory: Memory, positions: Mapping[str, Array]) -> dict[str, Array]:
+    """Goal states at these positions (2,), with the present headings: of those of goals nothing is known."""
+    return {
+        robot: goal_inside(scene.area, np.append(position, memory.state(robot)[2]))
+        for robot, position in positions.items()
+    }
+
+
 def known_goal(goal: Goal, present: Array) -> Array:
     """A known goal as a state, its heading within half a turn of that of the present state, shape (4,)."""
     x, y, heading, speed = goal.as_state()
     return np.array([x, y, nearest_turn(heading, present[2]), speed])
+
+
+@kernel
+def _speeding_up(
+    state: Array, acceleration: float, highest: tuple[float, float, float], steps: int, step_s: float
+) -> Array:
+    """Positions (K + 1, 2) straight on, ever faster up to the highest speed, acceleration and jerk."""
+    x, y, heading, speed = state
+    speed_limit, acceleration_limit, jerk_limit = highest
+    positions = np.empty((steps + 1, 2))
+    positions[0] = state[:2]
+    direction = -1.0 if speed < 0.0 else 1.0
+    way = 0.0
+    for k in range(1, steps + 1):
+        way += step_s * speed
+        positions[k, 0] = x + way * np.cos(heading)
+        positions[k, 1] = y + way * np.sin(heading)
+        faster = direction * acceleration + jerk_limit * step_s
+        room = (speed_limit - direction * speed) / step_s
+        acceleration = direction * min(faster, acceleration_limit, room)
+        speed += step_s * acceleration
+    return positions

@@ -21,11 +21,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.estimate.constant_acceleration import ConstantAcceleration
-from agent.estimate.goals import goal_inside
+from agent.estimate.goals import ConstantAcceleration, goal_inside
 from agent.remember.memory import Memory
 from agent.solve.compiled import kernel
-from agent.solve.realtime.cholesky import factorise, solve_transposed, solve_upper
+from agent.solve.realtime.factorisation import factorise, solve_transposed, solve_upper
 from agent.solve.vehicle import Array, Integers
 from protocol.scene import Scene
 
@@ -91,15 +90,12 @@ class InverseOptimalControl:
 
     def estimate(self, memory: Memory) -> dict[str, Array]:
         """See :class:`agent.estimate.goals.GoalEstimator`."""
-        problems = self.problems(memory)
-        return {robot: self._estimate_one(memory, robot, problems.get(robot)) for robot in memory.robots}
-
-    def _estimate_one(self, memory: Memory, robot: str, problem: InverseProblem | None) -> Array:
-        if problem is not None:
+        goals = self._simple.estimate(memory)
+        for robot, problem in self.problems(memory).items():
             solution = solve_inverse(problem, ITERATIONS)
             if solution.solved:
-                return goal_inside(self._scene.area, problem.states[-1, :3] + solution.goal_offset)
-        return self._simple.estimate_one(memory, robot)
+                goals[robot] = goal_inside(self._scene.area, problem.states[-1, :3] + solution.goal_offset)
+        return goals
 
     def problems(self, memory: Memory) -> dict[str, InverseProblem]:
         """Eq. 6 of all robots seen at K + 1 consecutive steps up to now.
@@ -132,16 +128,15 @@ class InverseOptimalControl:
 
 def _rules(scene: Scene, robots: Sequence[str]) -> tuple[Array, Array, Integers]:
     """Lowest and highest q, shape (N, 2, 7); safety distances to and indices of the others, (N, N − 1)."""
-    area, count, limits = scene.area, len(robots), []
+    area, limits = scene.area, []
     for robot in robots:
         own = scene.robot(robot).limits
         inputs = [own.turn_rate_radps, own.acceleration_mps2]
-        symmetric = [own.speed_mps, *inputs, own.turn_acceleration_radps2, own.jerk_mps3]
-        lowest = [area.x_min_m, area.y_min_m, *(-bound for bound in symmetric)]
-        limits.append([lowest, [area.x_max_m, area.y_max_m, *symmetric]])
-    apart = ~np.eye(count, dtype=bool)
-    distances = np.array(scene.safety_distances_m(robots, robots))[apart].reshape(count, count - 1)
-    return np.array(limits), distances, np.nonzero(apart)[1].reshape(count, count - 1)
+        symmetric = np.array([own.speed_mps, *inputs, own.turn_acceleration_radps2, own.jerk_mps3])
+        limits.append([[area.x_min_m, area.y_min_m, *-symmetric], [area.x_max_m, area.y_max_m, *symmetric]])
+    apart, shape = ~np.eye(len(robots), dtype=bool), (len(robots), len(robots) - 1)
+    distances = np.array(scene.safety_distances_m(robots, robots))[apart].reshape(shape)
+    return np.array(limits), distances, np.nonzero(apart)[1].reshape(shape)
 
 
 @kernel
@@ -162,46 +157,53 @@ def solve_inverse(problem: InverseProblem, iterations: int) -> InverseSolution:
     jacobian, stationarity, by_goal, terminal, scale = _linearised(problem)
     stationarity /= scale if scale > 0.0 else 1.0
     fixed = LEAST_CURVATURE * np.eye(size + GIVEN)
-    for u in range(size):
-        for w in range(u, size):
-            for j in range(4):
-                fixed[u, w] += 0.5 * terminal[j, u] * terminal[j, w]
+    for row in terminal:
+        fixed = fixed + 0.5 * row[:, None] * row
     multipliers, slacks = np.full(values.shape, FIRST_MULTIPLIER), np.full(values.shape, FIRST_SLACK)
     residuals = 2.0 * multipliers - slacks
-    for k in range(len(values)):
-        residuals[k] += 2.0 * FIRST_MULTIPLIER * values[k].sum() * values[k]
+    residuals += 2.0 * FIRST_MULTIPLIER * values.sum(axis=1)[:, None] * values
     stationarity += _pulls(problem, jacobian, multipliers).sum(axis=0)
     y, goal, matrix = np.zeros(size + GIVEN), np.zeros(3), np.empty(fixed.shape)
-    change, change_s, nothing = np.zeros(values.shape), np.zeros(values.shape), np.zeros(values.shape)
+    change, change_s = np.zeros(values.shape), np.zeros(values.shape)
     left, solved = 1.0, False  # residuals are linear: each step leaves the same share of all of them
     for _ in range(iterations):
         product = _mean_product(multipliers, slacks, change, change_s, 0.0)
         solved = left < INFEASIBILITY and product < COMPLEMENTARITY
         if solved or not np.isfinite(product):
             break
-        compliances, couplings = _compliances(values, multipliers, slacks)
+        compliances = multipliers / (2.0 * multipliers + slacks)
+        couplings = _couplings(values, compliances)
         _set_matrix(problem, jacobian, compliances, couplings, fixed, matrix)
-        halves, schur = by_goal.copy(), np.diag(2.0 * NEARNESS)
-        if not _factorise(matrix, size, halves, schur):
+        if not factorise(matrix, size):
             break
-        newton = (jacobian, compliances, couplings, matrix, halves, schur, left * stationarity)
-        targets = -left * residuals - slacks
-        _, _, change = _direction(problem, newton, targets)
-        step = 1.0 / max(1.0, _set_slack_changes(multipliers, slacks, change, nothing, change_s))
-        after = _mean_product(multipliers, slacks, change, change_s, step)
-        centring = (product * (after / product) ** 3 - change * change_s) / multipliers
-        change_y, change_goal, change = _direction(problem, newton, targets + centring)
-        share = max(TO_BOUNDARY, 1.0 - 10.0 * product)
-        step = share / max(share, _set_slack_changes(multipliers, slacks, change, centring, change_s))
+        halves, schur = by_goal.copy(), np.diag(2.0 * NEARNESS)
+        for j in range(3):
+            solve_transposed(matrix, size, halves[j])
+            for i in range(j + 1):
+                schur[i, j] += (halves[i] * halves[j]).sum()
+        if not factorise(schur, 3):
+            break
+        gradient, targets = left * stationarity, -left * residuals - slacks
+        centring, share = np.zeros(values.shape), 1.0
+        for corrected in (False, True):
+            right = targets + centring
+            response = _response(values, compliances, couplings, right)
+            change_y = gradient + _pulls(problem, jacobian, response).sum(axis=0)
+            change_goal = _solve(matrix, size, halves, schur, change_y)
+            rest = _less_changes(problem, jacobian, change_y, right)
+            change = _response(values, compliances, couplings, rest)
+            step = share / max(share, _set_slack_changes(multipliers, slacks, change, centring, change_s))
+            if not corrected:
+                after = _mean_product(multipliers, slacks, change, change_s, step)
+                centring = (product * (after / product) ** 3 - change * change_s) / multipliers
+                share = max(TO_BOUNDARY, 1.0 - 10.0 * product)
         y += step * change_y
         goal += step * change_goal
         multipliers += step * change
         slacks += step * change_s
         left *= 1.0 - step
     y *= scale
-    end = np.empty(4)
-    for j in range(4):
-        end[j] = -0.5 * (terminal[j] * y).sum()
+    end = -0.5 * (terminal * y).sum(axis=1)
     return InverseSolution(goal * scale, multipliers * scale, end, y[:size].copy(), solved)
 
 
@@ -260,11 +262,10 @@ def _less_changes(problem: InverseProblem, jacobian: Array, z: Array, targets: A
 @kernel
 def _pulls(problem: InverseProblem, jacobian: Array, multipliers: Array) -> Array:
     """G_kᵀ λ_k, shape (K, 2K + 4)."""
-    result, pull = np.zeros((len(multipliers), len(jacobian))), np.empty(QUANTITIES)
-    for k in range(len(multipliers)):
+    result = np.zeros((len(multipliers), len(jacobian)))
+    pulls = multipliers[:, :QUANTITIES] - multipliers[:, QUANTITIES:FIRST_DISTANCE]
+    for k, pull in enumerate(pulls):
         ahead = 2 * (len(multipliers) - k - 1)
-        for j in range(QUANTITIES):
-            pull[j] = multipliers[k, j] - multipliers[k, QUANTITIES + j]
         for i in range(problem.bearings.shape[1]):
             pull[0] -= multipliers[k, FIRST_DISTANCE + i] * problem.bearings[k, i, 0]
             pull[1] -= multipliers[k, FIRST_DISTANCE + i] * problem.bearings[k, i, 1]
@@ -290,16 +291,15 @@ def _set_matrix(
 ) -> None:
     """Set the upper triangle of the matrix of y to its fixed part and Σ_k G_kᵀ E_k G_k."""
     mixed = _pulls(problem, jacobian, compliances * problem.values)
-    moved, squares, xx, xy, yy = np.zeros(jacobian.shape), np.empty(QUANTITIES), 0.0, 0.0, 0.0
-    size = 2 * len(couplings)
+    both = compliances[:, :QUANTITIES] + compliances[:, QUANTITIES:FIRST_DISTANCE]
+    moved, size, xx, xy, yy = np.zeros(jacobian.shape), 2 * len(couplings), 0.0, 0.0, 0.0
     matrix[:] = fixed
     for first in range(0, size, 2):
         k = size // 2 - 1 - first // 2
+        row, squares = mixed[k], both[k]
         for u in range(first + 2, first + 4):  # what E does with the positions of all later stages
             moved[u, 0] = xx * jacobian[u, 0] + xy * jacobian[u, 1]
             moved[u, 1] = xy * jacobian[u, 0] + yy * jacobian[u, 1]
-        for j in range(QUANTITIES):
-            squares[j] = compliances[k, j] + compliances[k, QUANTITIES + j]
         xx, yy = xx + squares[0], yy + squares[1]
         for i in range(problem.bearings.shape[1]):
             share = compliances[k, FIRST_DISTANCE + i]
@@ -315,7 +315,6 @@ def _set_matrix(
             matrix[ahead, before] += twice
             matrix[now, before] -= 2.0 * twice
             matrix[before, before] += twice
-        row = mixed[k]
         for u in range(first, size, 2):
             one, other = matrix[u], matrix[u + 1]
             a, b = couplings[k] * row[u], couplings[k] * row[u + 1]
@@ -328,29 +327,15 @@ def _set_matrix(
 
 
 @kernel
-def _factorise(matrix: Array, size: int, halves: Array, schur: Array) -> bool:
-    """Factorise the matrix of y, make Vᵀ of Bᵀ, add VᵀV to the matrix of L and factorise that."""
-    if not factorise(matrix, size):
-        return False
-    for j in range(3):
-        solve_transposed(matrix, size, halves[j])
-        for i in range(j + 1):
-            schur[i, j] += (halves[i] * halves[j]).sum()
-    return factorise(schur, 3)
-
-
-@kernel
-def _compliances(values: Array, multipliers: Array, slacks: Array) -> tuple[Array, Array]:
-    """Of E_k: 1 / (2 + s/λ), shape (K, n), and 1 / (½ + C_kᵀ diag(compliances) C_k), shape (K,)."""
-    compliances, couplings = np.empty(values.shape), np.empty(len(values))
+def _couplings(values: Array, compliances: Array) -> Array:
+    """1 / (½ + C_kᵀ diag(compliances) C_k), shape (K,): what couples the rows of a stage in E_k."""
+    couplings = np.empty(len(values))
     for k in range(len(values)):
-        for i in range(values.shape[1]):
-            compliances[k, i] = multipliers[k, i] / (2.0 * multipliers[k, i] + slacks[k, i])
         total = 0.5
         for i in range(values.shape[1]):
             total += compliances[k, i] * values[k, i] ** 2
         couplings[k] = 1.0 / total
-    return compliances, couplings
+    return couplings
 
 
 @kernel
@@ -368,29 +353,21 @@ def _response(values: Array, compliances: Array, couplings: Array, targets: Arra
 
 
 @kernel
-def _direction(
-    problem: InverseProblem,
-    newton: tuple[Array, Array, Array, Array, Array, Array, Array],
-    targets: Array,
-) -> tuple[Array, Array, Array]:
-    """δy, δL and δλ that fulfil stationarity, E_k⁻¹ δλ_k + G_k δy = targets and 2W δL + Bᵀδy = 0."""
-    jacobian, compliances, couplings, factor, halves, schur, stationarity = newton
-    size, goal = 2 * len(couplings), np.zeros(3)
-    response = _response(problem.values, compliances, couplings, targets)
-    change = stationarity + _pulls(problem, jacobian, response).sum(axis=0)
-    change[size:] = 0.0
-    solve_transposed(factor, size, change)
+def _solve(factor: Array, size: int, halves: Array, schur: Array, right: Array) -> Array:
+    """Of the equations for y and L: replace the right-hand side by δy, and return δL."""
+    goal = np.zeros(3)
+    right[size:] = 0.0
+    solve_transposed(factor, size, right)
     for j in range(3):
         for u in range(size):
-            goal[j] -= halves[j, u] * change[u]
+            goal[j] -= halves[j, u] * right[u]
     solve_transposed(schur, 3, goal)
     solve_upper(schur, 3, goal)
     for j in range(3):
         for u in range(size):
-            change[u] += goal[j] * halves[j, u]
-    solve_upper(factor, size, change)
-    rest = _less_changes(problem, jacobian, change, targets)
-    return change, goal, _response(problem.values, compliances, couplings, rest)
+            right[u] += goal[j] * halves[j, u]
+    solve_upper(factor, size, right)
+    return goal
 
 
 @kernel
@@ -414,7 +391,5 @@ def _set_slack_changes(
         for i in range(len(fastest)):
             rate = -change[k, i] / multipliers[k, i]
             change_s[k, i] = centring[k, i] + slacks[k, i] * (rate - 1.0)
-            fastest[i] = rate if rate > fastest[i] else fastest[i]
-            rate = -change_s[k, i] / slacks[k, i]
-            fastest[i] = rate if rate > fastest[i] else fastest[i]
+            fastest[i] = max(fastest[i], rate, -change_s[k, i] / slacks[k, i])
     return float(fastest.max())

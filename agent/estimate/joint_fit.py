@@ -16,16 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.estimate.window import (
-    AHEAD_SIGMA_M,
-    Window,
-    WindowStarts,
-    ahead,
-    goals_at,
-    inside,
-    problem_from,
-    window_of,
-)
+from agent.estimate.goals import AHEAD_SIGMA_M, ahead, goals_at, inside
+from agent.estimate.window import Window, WindowStarts, problem_from, window_of
 from agent.remember.memory import Memory
 from agent.solve.realtime.solver import respond
 from agent.solve.vehicle import Array
@@ -66,16 +58,16 @@ class JointFit:
 
     def estimate(self, memory: Memory) -> dict[str, Array]:
         """See :class:`agent.estimate.goals.GoalEstimator`."""
-        robots = memory.robots
+        area, variance = self._scene.area, AHEAD_SIGMA_M**2 * np.eye(2)
         self._beliefs = {
-            robot: self._beliefs[robot] if robot in self._beliefs else self._first(memory.state(robot))
-            for robot in robots
+            robot: self._beliefs.get(robot) or Belief(ahead(area, memory.state(robot)), variance)
+            for robot in memory.robots
         }
-        window = window_of(memory, robots, self._scene)
+        window = window_of(memory, memory.robots, self._scene)
         if window:
             self._fit(window)
             self._place_standing(window)
-        return goals_at(self._scene, memory, {robot: self._beliefs[robot].mean for robot in robots})
+        return goals_at(self._scene, memory, {robot: self._beliefs[robot].mean for robot in self._beliefs})
 
     def _place_standing(self, window: Window) -> None:
         """Who stands has come to its goal, or will show another one by driving on.
@@ -88,9 +80,6 @@ class JointFit:
         for robot, states in zip(window.robots, window.states, strict=True):
             if np.abs(states[-STANDING_STEPS:, 3]).max() < STANDING_MPS:
                 self._beliefs[robot] = Belief(states[-1, :2].copy(), self._beliefs[robot].covariance)
-
-    def _first(self, state: Array) -> Belief:
-        return Belief(ahead(self._scene.area, state), AHEAD_SIGMA_M**2 * np.eye(2))
 
     def _fit(self, window: Window) -> None:
         """Improve the beliefs by a window."""
@@ -105,13 +94,9 @@ class JointFit:
             return
         missing = window.states - response.solution.states[:, 1 : length + 1]
         means, covariance = gauss_newton(prior, information, response.by_goal, missing)
-        self._beliefs = {
-            robot: Belief(
-                inside(self._scene.area, means[index]),
-                covariance[2 * index : 2 * index + 2, 2 * index : 2 * index + 2],
-            )
-            for index, robot in enumerate(window.robots)
-        }
+        for index, robot in enumerate(window.robots):
+            own = slice(2 * index, 2 * index + 2)
+            self._beliefs[robot] = Belief(inside(self._scene.area, means[index]), covariance[own, own])
 
 
 def _prior(beliefs: Sequence[Belief]) -> tuple[Array, Array]:

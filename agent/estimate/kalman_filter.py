@@ -18,16 +18,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agent.estimate.window import (
-    AHEAD_SIGMA_M,
-    Window,
-    WindowStarts,
-    ahead,
-    goals_at,
-    inside,
-    problem_from,
-    window_of,
-)
+from agent.estimate.goals import AHEAD_SIGMA_M, ahead, goals_at, inside
+from agent.estimate.window import Window, WindowStarts, problem_from, window_of
 from agent.remember.memory import Memory
 from agent.solve.problem import JointProblem, Solution, Start
 from agent.solve.realtime.solver import respond

@@ -5,22 +5,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.estimate.goals import goal_inside
 from agent.remember.memory import Memory
 from agent.solve.multistart import WarmStarts
 from agent.solve.problem import JointProblem, Solution, Start, joint_problem
 from agent.solve.vehicle import Array, recovered_inputs
-from protocol.scene import Area, Scene
+from protocol.scene import Scene
 from protocol.vehicle import STANDSTILL, Input
 
 WINDOW = 12
 """K_w: steps that are explained, or as many as all robots were seen."""
 LEAST_WINDOW = 2
 """An input shows in the position two steps later."""
-AHEAD_M = 8.0
-"""At first, a goal is thought to lie so far ahead of its robot,"""
-AHEAD_SIGMA_M = 4.0
-"""give or take so much."""
 
 
 class Window(NamedTuple):
@@ -59,24 +54,6 @@ def window_of(memory: Memory, robots: Sequence[str], scene: Scene) -> Window | N
         states=np.array([track[-length:] for track in tracks]),
         inputs=np.array([each[-length:] for each in inputs]),
     )
-
-
-def ahead(area: Area, state: Array) -> Array:
-    """The position (2,) straight ahead, inside the area, where a goal is first thought to lie."""
-    return inside(area, state[:2] + AHEAD_M * np.array([np.cos(state[2]), np.sin(state[2])]))
-
-
-def inside(area: Area, position: Array) -> Array:
-    """A position (2,) moved into the area."""
-    return goal_inside(area, np.append(position, 0.0))[:2]
-
-
-def goals_at(scene: Scene, memory: Memory, positions: Mapping[str, Array]) -> dict[str, Array]:
-    """Goal states at these positions (2,), with the present headings: of those of goals nothing is known."""
-    return {
-        robot: goal_inside(scene.area, np.append(position, memory.state(robot)[2]))
-        for robot, position in positions.items()
-    }
 
 
 def problem_from(

@@ -14,8 +14,8 @@ from agent.process.health import RobotHealth
 from agent.process.inbox import Inbox, LateDecisions
 from agent.process.options import RobotOptions
 from agent.process.warm import compile_in_background, warm_up
+from agent.solve import Deadline
 from agent.solve.compiled import forbid_compiling
-from agent.solve.deadline import Deadline
 from chassis.health import watch_port
 from chassis.process import end_with_parent, log_to_journal, on_wish_to_end
 from chassis.refusal import ExitStatus, Refusal, said_by

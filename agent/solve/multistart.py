@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from agent.solve.deadline import Deadline
+from agent.solve import Deadline
 from agent.solve.problem import (
     LIMITED_QUANTITIES,
     PRICE_PER_M,

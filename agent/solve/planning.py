@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from agent.remember.memory import Memory
-from agent.solve.deadline import Deadline
+from agent.solve import Deadline
 from agent.solve.multistart import WarmStarts, best_solution, escapes
 from agent.solve.prediction import Prediction
 from agent.solve.problem import JointSolver, joint_problem

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agent.remember.memory import Memory
-from agent.solve.deadline import Deadline
+from agent.solve import Deadline
 from agent.solve.multistart import WarmStarts, best_solution, cold_starts
 from agent.solve.problem import JointProblem, JointSolver, Start, joint_problem
 from agent.solve.vehicle import Array

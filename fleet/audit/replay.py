@@ -13,7 +13,7 @@ from typing import Literal
 from pydantic import Field
 
 from agent.agent import Agent, Decision
-from agent.solve.deadline import Deadline
+from agent.solve import Deadline
 from fleet.audit.recorded import Difference, Part, RecordedRun, compared, too_many
 from fleet.record.report_file import Record
 from fleet.run.experiment import RunFacts

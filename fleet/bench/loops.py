@@ -9,8 +9,7 @@ import numpy as np
 
 from agent.estimate.goals import known_goal
 from agent.remember.memory import Memory
-from agent.solve import ITERATIONS, SolverName, joint_solver
-from agent.solve.deadline import Deadline
+from agent.solve import ITERATIONS, Deadline, SolverName, joint_solver
 from agent.solve.multistart import WarmStarts, best_solution
 from agent.solve.problem import JointProblem, Solution, Start, joint_problem
 from agent.solve.vehicle import Array, rollout

@@ -14,8 +14,7 @@ from agent.agent import Agent, Decision
 from agent.methods import method_of
 from agent.process.options import DecisionOptions, RobotOptions
 from agent.process.robot import Decides, run_robot
-from agent.solve import joint_solver
-from agent.solve.deadline import Clock, Deadline
+from agent.solve import Clock, Deadline, joint_solver
 from agent.solve.problem import JointProblem, JointSolver, Solution, Start
 from chassis.options import with_options
 from chassis.refusal import run

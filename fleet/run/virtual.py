@@ -17,7 +17,7 @@ from agent.agent import Agent, Decision
 from agent.process.inbox import Inbox
 from agent.process.robot import Decides
 from agent.process.warm import warm_up
-from agent.solve.deadline import Clock, Deadline
+from agent.solve import Clock, Deadline
 from fleet.inject.fault import Fault, Scheduled, of_kind, schedule
 from fleet.inject.link import LINK_FAULTS, Link
 from fleet.inject.mind_faults import MIND_FAULTS

@@ -22,9 +22,8 @@ class Rows(NamedTuple):
 
     per_stage: int
     """Rows of one stage; those of the next one follow in the same order."""
-    first: Integers
-    second: Integers
-    """Index of the second robot, or ``NOBODY``."""
+    robots: Integers
+    """Indices of the first robot and of the second one, or ``NOBODY``, shape (C, 2)."""
     stage: Integers
     normal: Array
     """Unit vector towards the first robot, shape (C, 2)."""
@@ -47,8 +46,7 @@ def rows_about(states: Array, obstacles: Array, safety_distances: Array, area: A
     count = per_stage * max(stages - FIRST_FREE_STAGE, 0)
     rows = Rows(
         per_stage,
-        np.empty(count, np.int64),
-        np.empty(count, np.int64),
+        np.empty((count, 2), np.int64),
         np.empty(count, np.int64),
         np.empty((count, 2)),
         np.empty(count),
@@ -65,7 +63,7 @@ def rows_about(states: Array, obstacles: Array, safety_distances: Array, area: A
             for axis in range(2):
                 for side in range(2):
                     sign = 1.0 - 2.0 * side
-                    rows.first[at], rows.second[at], rows.stage[at] = i, NOBODY, k
+                    rows.robots[at, 0], rows.robots[at, 1], rows.stage[at] = i, NOBODY, k
                     rows.normal[at, axis], rows.normal[at, 1 - axis] = sign, 0.0
                     rows.gap[at] = sign * (states[i, k, axis] - area[side, axis])
                     at += 1
@@ -76,7 +74,7 @@ def rows_about(states: Array, obstacles: Array, safety_distances: Array, area: A
 def _set(rows: Rows, at: int, i: int, j: int, k: int, here: Array, there: Array, distance: float) -> None:
     x, y = here[0] - there[0], here[1] - there[1]
     length = math.sqrt(x * x + y * y)
-    rows.first[at], rows.second[at], rows.stage[at] = i, j, k
+    rows.robots[at, 0], rows.robots[at, 1], rows.stage[at] = i, j, k
     if length > 0.0:
         rows.normal[at, 0], rows.normal[at, 1] = x / length, y / length
     else:  # two robots in one place: any direction, the same for all who compute it
@@ -111,24 +109,21 @@ def violations_of(
 @kernel
 def gaps_after(rows: Rows, shifts: Array, gaps: Array) -> None:
     """The linearised gaps (C,) after displacements (M, K + 1, 2)."""
-    first, second, stage, normal, gap = rows.first, rows.second, rows.stage, rows.normal, rows.gap
-    for row in range(len(gap)):
-        i, j, k = first[row], second[row], stage[row]
+    for row in range(len(gaps)):
+        i, j, k = rows.robots[row, 0], rows.robots[row, 1], rows.stage[row]
         x, y = shifts[i, k, 0], shifts[i, k, 1]
         if j != NOBODY:
             x -= shifts[j, k, 0]
             y -= shifts[j, k, 1]
-        gaps[row] = gap[row] + normal[row, 0] * x + normal[row, 1] * y
+        gaps[row] = rows.gap[row] + rows.normal[row, 0] * x + rows.normal[row, 1] * y
 
 
 @kernel
 def add_forces(rows: Rows, active: Integers, sizes: Array, forces: Array) -> None:
     """Add the forces of some rows, as they push robots apart, to those on the positions (M, K + 1, 2)."""
-    first, second, stage, normal = rows.first, rows.second, rows.stage, rows.normal
-    for at in range(len(active)):
-        row = active[at]
-        i, j, k = first[row], second[row], stage[row]
-        x, y = sizes[at] * normal[row, 0], sizes[at] * normal[row, 1]
+    for at, row in enumerate(active):
+        i, j, k = rows.robots[row, 0], rows.robots[row, 1], rows.stage[row]
+        x, y = sizes[at] * rows.normal[row, 0], sizes[at] * rows.normal[row, 1]
         forces[i, k, 0] += x
         forces[i, k, 1] += y
         if j != NOBODY:

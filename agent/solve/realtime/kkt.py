@@ -12,11 +12,23 @@ import numpy as np
 
 from agent.solve.compiled import kernel
 from agent.solve.problem import LIMITED_QUANTITIES
-from agent.solve.realtime.cholesky import factorise, solve_transposed, solve_upper
 from agent.solve.realtime.distances import NOBODY, Rows, add_forces, gaps_after
-from agent.solve.realtime.limits import add_transposed_limits, apply_limits, limit_bands
-from agent.solve.realtime.profiles import displacements, pull_back
-from agent.solve.realtime.stagewise import WIDTH, factorise_stages, solve_stages, solve_stages_transposed
+from agent.solve.realtime.factorisation import (
+    WIDTH,
+    factorise,
+    factorise_stages,
+    solve_stages,
+    solve_stages_transposed,
+    solve_transposed,
+    solve_upper,
+)
+from agent.solve.realtime.profiles import (
+    add_transposed_limits,
+    apply_limits,
+    displacements,
+    limit_bands,
+    pull_back,
+)
 from agent.solve.vehicle import Array, Integers
 
 LARGE = 100.0
@@ -45,8 +57,8 @@ class Program(NamedTuple):
     step_s: float
 
 
-class Iterate(NamedTuple):
-    """Primal and dual variables; the first index of those of limits is the side: low, high."""
+class Variables(NamedTuple):
+    """Primal and dual ones, or a step of them; the first index of those of limits is the side: low, high."""
 
     change: Array
     """d, shape (M, n)."""
@@ -60,24 +72,13 @@ class Iterate(NamedTuple):
     """t."""
     row_multiplier: Array
     """λ; the multiplier of t ≥ 0 is ρ − λ."""
-    active: Integers
-    """Indices of the active rows among all."""
-
-
-class Step(NamedTuple):
-    """A change of the variables of an iterate, in the same shapes."""
-
-    change: Array
-    limit_slack: Array
-    limit_multiplier: Array
-    row_slack: Array
-    violation: Array
-    row_multiplier: Array
 
 
 class System(NamedTuple):
     """Residuals of the optimality conditions at an iterate, and the factorised Newton system."""
 
+    active: Integers
+    """Indices of the active rows among all, shape (capacity,)."""
     stationarity: Array
     """Shape (M, n)."""
     limits: Array
@@ -99,28 +100,13 @@ class System(NamedTuple):
 
 
 @kernel
-def empty_iterate(robots: int, size: int, capacity: int) -> Iterate:
-    """Room for an iterate; all zero."""
-    limits = size // 2 * LIMITED_QUANTITIES
-    return Iterate(
+def no_variables(robots: int, size: int, capacity: int) -> Variables:
+    """Room for an iterate or a step; all zero."""
+    limits = (2, robots, size // 2 * LIMITED_QUANTITIES)
+    return Variables(
         np.zeros((robots, size)),
-        np.zeros((2, robots, limits)),
-        np.zeros((2, robots, limits)),
-        np.zeros(capacity),
-        np.zeros(capacity),
-        np.zeros(capacity),
-        np.zeros(capacity, np.int64),
-    )
-
-
-@kernel
-def empty_step(robots: int, size: int, capacity: int) -> Step:
-    """Room for a step; all zero."""
-    limits = size // 2 * LIMITED_QUANTITIES
-    return Step(
-        np.zeros((robots, size)),
-        np.zeros((2, robots, limits)),
-        np.zeros((2, robots, limits)),
+        np.zeros(limits),
+        np.zeros(limits),
         np.zeros(capacity),
         np.zeros(capacity),
         np.zeros(capacity),
@@ -130,13 +116,14 @@ def empty_step(robots: int, size: int, capacity: int) -> Step:
 @kernel
 def empty_system(robots: int, size: int, capacity: int) -> System:
     """Room for a system."""
-    limits = size // 2 * LIMITED_QUANTITIES
+    limits = (2, robots, size // 2 * LIMITED_QUANTITIES)
     return System(
+        np.empty(capacity, np.int64),
         np.empty((robots, size)),
-        np.empty((2, robots, limits)),
+        np.empty(limits),
         np.empty(capacity),
-        np.empty((2, robots, limits)),
-        np.empty((2, robots, limits)),
+        np.empty(limits),
+        np.empty(limits),
         np.empty((robots, size, WIDTH)),
         np.empty((capacity, 2, size)),
         np.empty(capacity, np.int64),
@@ -145,23 +132,20 @@ def empty_system(robots: int, size: int, capacity: int) -> System:
 
 
 @kernel
-def set_residuals(program: Program, iterate: Iterate, count: int, system: System) -> None:
+def set_residuals(program: Program, iterate: Variables, count: int, system: System) -> None:
     """Write the residuals of the optimality conditions at an iterate with so many active rows."""
     robots, size = iterate.change.shape
     limited = np.empty(program.low.shape[1])
     shifts, forces = np.zeros((robots, size // 2 + 1, 2)), np.zeros((robots, size // 2 + 1, 2))
-    add_forces(program.rows, iterate.active[:count], -iterate.row_multiplier[:count], forces)
+    add_forces(program.rows, system.active[:count], -iterate.row_multiplier[:count], forces)
     for robot in range(robots):
         change, result = iterate.change[robot], system.stationarity[robot]
         displacements(program.jacobian[robot], change, shifts[robot])
         apply_limits(change, program.step_s, limited)
         for row in range(len(limited)):
-            system.limits[0, robot, row] = (
-                limited[row] - program.low[robot, row] - iterate.limit_slack[0, robot, row]
-            )
-            system.limits[1, robot, row] = (
-                program.high[robot, row] - limited[row] - iterate.limit_slack[1, robot, row]
-            )
+            below, above = limited[row] - program.low[robot, row], program.high[robot, row] - limited[row]
+            system.limits[0, robot, row] = below - iterate.limit_slack[0, robot, row]
+            system.limits[1, robot, row] = above - iterate.limit_slack[1, robot, row]
         for slot in range(0, size, 2):
             block = program.blocks[robot, slot // 2]
             heading, speed = change[slot], change[slot + 1]
@@ -176,13 +160,12 @@ def set_residuals(program: Program, iterate: Iterate, count: int, system: System
         pull_back(program.jacobian[robot], forces[robot], result)
     gaps = np.empty(len(program.rows.gap))
     gaps_after(program.rows, shifts, gaps)
-    for at in range(count):
-        row = iterate.active[at]
+    for at, row in enumerate(system.active[:count]):
         system.rows[at] = gaps[row] + iterate.violation[at] - iterate.row_slack[at]
 
 
 @kernel
-def largest_residual(iterate: Iterate, system: System, count: int) -> float:
+def largest_residual(iterate: Variables, system: System, count: int) -> float:
     """Stationarity is judged relative to large multipliers, whose rounding errors it holds."""
     scale = max(1.0, iterate.limit_multiplier.mean() / LARGE)
     robots: float = max(_largest(system.stationarity.ravel()) / scale, _largest(system.limits.ravel()))
@@ -203,7 +186,7 @@ def _largest(values: Array) -> float:
 
 
 @kernel
-def factorise_system(program: Program, iterate: Iterate, count: int, system: System) -> bool:
+def factorise_system(program: Program, iterate: Variables, count: int, system: System) -> bool:
     """Factorise every robot's matrix, then the Schur complement of the active rows."""
     robots, size = iterate.change.shape
     _set_inverses(iterate, system)
@@ -211,61 +194,49 @@ def factorise_system(program: Program, iterate: Iterate, count: int, system: Sys
     for robot in range(robots):
         weights[:] = 0.0
         for side in range(2):
-            limit_multiplier, over_slack = (
-                iterate.limit_multiplier[side, robot],
-                system.over_slack[side, robot],
-            )
+            multiplier, over_slack = iterate.limit_multiplier[side, robot], system.over_slack[side, robot]
             for row in range(len(weights)):
-                weights[row] += limit_multiplier[row] * over_slack[row]
+                weights[row] += multiplier[row] * over_slack[row]
         limit_bands(weights, program.step_s, bands)
         if not factorise_stages(
             program.jacobian[robot], program.weights, program.blocks[robot], bands, system.factors[robot]
         ):
             return False
-    _reduce_rows(program, iterate.active[:count], system)
-    _set_schur(program.rows, iterate.active[:count], robots, system)
+    _reduce_rows(program, system.active[:count], system)
+    _set_schur(program.rows, system.active[:count], robots, system)
     for at in range(count):
+        force = iterate.row_multiplier[at]
         system.schur[at, at] += (
-            iterate.violation[at] / (program.penalty - iterate.row_multiplier[at])
-            + iterate.row_slack[at] / iterate.row_multiplier[at]
+            iterate.violation[at] / (program.penalty - force) + iterate.row_slack[at] / force
         )
     return factorise(system.schur, count)
 
 
 @kernel
-def _set_inverses(iterate: Iterate, system: System) -> None:
+def _set_inverses(iterate: Variables, system: System) -> None:
     """1 / slack and 1 / multiplier by one division for both: it takes longer than all else here."""
-    slack, limit_multiplier = iterate.limit_slack.ravel(), iterate.limit_multiplier.ravel()
+    slack, multiplier = iterate.limit_slack.ravel(), iterate.limit_multiplier.ravel()
     over_slack, over_multiplier = system.over_slack.ravel(), system.over_multiplier.ravel()
     for at in range(len(slack)):
-        over_both = 1.0 / (slack[at] * limit_multiplier[at])
-        over_slack[at] = limit_multiplier[at] * over_both
+        over_both = 1.0 / (slack[at] * multiplier[at])
+        over_slack[at] = multiplier[at] * over_both
         over_multiplier[at] = slack[at] * over_both
 
 
 @kernel
 def _reduce_rows(program: Program, active: Integers, system: System) -> None:
     """U⁻ᵀC_rᵀ for both robots of each row; the second's normal has the other sign."""
-    first, second, stage, normal = (
-        program.rows.first,
-        program.rows.second,
-        program.rows.stage,
-        program.rows.normal,
-    )
-    jacobian, reduced, factors = program.jacobian, system.reduced_rows, system.factors
-    size = jacobian.shape[1]
-    for at in range(len(active)):
-        row = active[at]
-        start = size + 2 - 2 * stage[row]
+    rows, size = program.rows, program.jacobian.shape[1]
+    for at, row in enumerate(active):
+        start = size + 2 - 2 * rows.stage[row]
         system.starts[at] = start
-        x, y = normal[row, 0], normal[row, 1]
-        for side in range(2):
-            robot = first[row] if side == 0 else second[row]
+        x, y = rows.normal[row, 0], rows.normal[row, 1]
+        for side, robot in enumerate(rows.robots[row]):
             if robot != NOBODY:
-                moves, entry = jacobian[robot], reduced[at, side]
+                moves, entry = program.jacobian[robot], system.reduced_rows[at, side]
                 for slot in range(start, size):
                     entry[slot] = moves[slot, 0] * x + moves[slot, 1] * y
-                solve_stages_transposed(factors[robot], moves, start, entry)
+                solve_stages_transposed(system.factors[robot], moves, start, entry)
             x, y = -x, -y
 
 
@@ -279,11 +250,11 @@ def _set_schur(rows: Rows, active: Integers, robots: int, system: System) -> Non
     concerning, sides = np.empty(count, np.int64), np.empty(count, np.int64)
     for robot in range(robots):
         size = 0
-        for at in range(count):
-            row = active[at]
-            if rows.first[row] == robot or rows.second[row] == robot:
-                concerning[size], sides[size] = at, 0 if rows.first[row] == robot else 1
-                size += 1
+        for at, row in enumerate(active):
+            for side in range(2):
+                if rows.robots[row, side] == robot:
+                    concerning[size], sides[size] = at, side
+                    size += 1
         for one in range(size):
             at, entry = concerning[one], reduced[concerning[one], sides[one]]
             for two in range(one, size):
@@ -310,52 +281,39 @@ def _product(one: Array, two: Array, start: int) -> float:
 
 
 @kernel
-def _robot_of(rows: Rows, row: int, side: int) -> int:
-    robot: int = rows.first[row] if side == 0 else rows.second[row]
-    return robot
-
-
-@kernel
 def find_step(
     program: Program,
-    iterate: Iterate,
+    iterate: Variables,
     count: int,
     system: System,
     centring: float,
     correct: bool,
-    step: Step,
+    step: Variables,
 ) -> None:
     """The Newton direction towards products of slack and multiplier equal to ``centring``.
 
     With ``correct``, the products' second-order terms of the present direction are made up for (Mehrotra).
+    Until the multipliers' steps are known, the steps of slacks hold by how much the products are to change.
     """
     robots, size = iterate.change.shape
     second_order = 1.0 if correct else 0.0
-    rows = np.empty(count)
+    rows, limited = np.empty(count), np.empty(program.low.shape[1])
     for at in range(count):
-        on_slack, on_violation = _row_targets(program, iterate, step, at, centring, second_order)
+        force, change = iterate.row_multiplier[at], step.row_multiplier[at]
+        free = program.penalty - force
+        on_slack = centring - iterate.row_slack[at] * force - second_order * step.row_slack[at] * change
+        on_violation = centring - iterate.violation[at] * free + second_order * step.violation[at] * change
         step.row_slack[at], step.violation[at] = on_slack, on_violation
-        rows[at] = (
-            on_slack / iterate.row_multiplier[at]
-            - on_violation / (program.penalty - iterate.row_multiplier[at])
-            - system.rows[at]
-        )
-    limited = np.empty(program.low.shape[1])
+        rows[at] = on_slack / force - on_violation / free - system.rows[at]
     for robot in range(robots):
         limited[:] = 0.0
         for side in range(2):
-            sign = 1.0 - 2.0 * side
-            limit_multiplier, over_slack = (
-                iterate.limit_multiplier[side, robot],
-                system.over_slack[side, robot],
-            )
+            sign, residual = 1.0 - 2.0 * side, system.limits[side, robot]
+            multiplier, over_slack = iterate.limit_multiplier[side, robot], system.over_slack[side, robot]
             slack_step, multiplier_step = step.limit_slack[side, robot], step.limit_multiplier[side, robot]
-            residual = system.limits[side, robot]
             for row in range(len(limited)):
                 target = centring - second_order * slack_step[row] * multiplier_step[row]
-                share = (target - limit_multiplier[row] * residual[row]) * over_slack[row] - limit_multiplier[
-                    row
-                ]
+                share = (target - multiplier[row] * residual[row]) * over_slack[row] - multiplier[row]
                 multiplier_step[row] = share
                 limited[row] += sign * share
         right = step.change[robot]
@@ -363,50 +321,22 @@ def find_step(
             right[slot] = -system.stationarity[robot, slot]
         add_transposed_limits(limited, program.step_s, right)
         solve_stages_transposed(system.factors[robot], program.jacobian[robot], 0, right)
-    _finish_rows(program, iterate, count, system, rows, step)
+    solve_schur(program, system.active[:count], system, rows, step.change)
+    for at, change in enumerate(rows):
+        force = iterate.row_multiplier[at]
+        step.row_multiplier[at] = change
+        step.row_slack[at] = (step.row_slack[at] - iterate.row_slack[at] * change) / force
+        step.violation[at] = (step.violation[at] + iterate.violation[at] * change) / (program.penalty - force)
     for robot in range(robots):
         solve_stages(system.factors[robot], program.jacobian[robot], step.change[robot])
         apply_limits(step.change[robot], program.step_s, limited)
         for side in range(2):
-            sign = 1.0 - 2.0 * side
-            limit_multiplier, over_slack = (
-                iterate.limit_multiplier[side, robot],
-                system.over_slack[side, robot],
-            )
+            sign, residual = 1.0 - 2.0 * side, system.limits[side, robot]
+            multiplier, over_slack = iterate.limit_multiplier[side, robot], system.over_slack[side, robot]
             slack_step, multiplier_step = step.limit_slack[side, robot], step.limit_multiplier[side, robot]
-            residual = system.limits[side, robot]
             for row in range(len(limited)):
-                multiplier_step[row] -= sign * limit_multiplier[row] * over_slack[row] * limited[row]
+                multiplier_step[row] -= sign * multiplier[row] * over_slack[row] * limited[row]
                 slack_step[row] = sign * limited[row] + residual[row]
-
-
-@kernel
-def _row_targets(
-    program: Program, iterate: Iterate, step: Step, at: int, centring: float, second_order: float
-) -> tuple[float, float]:
-    """By how much the products of a row's slack with λ, and of its violation with ρ − λ, are to change."""
-    multiplier, change = iterate.row_multiplier[at], step.row_multiplier[at]
-    return (
-        centring - iterate.row_slack[at] * multiplier - second_order * step.row_slack[at] * change,
-        centring
-        - iterate.violation[at] * (program.penalty - multiplier)
-        + second_order * step.violation[at] * change,
-    )
-
-
-@kernel
-def _finish_rows(
-    program: Program, iterate: Iterate, count: int, system: System, rows: Array, step: Step
-) -> None:
-    """Find the step of the rows, and add its effect to the half-solved changes of the robots."""
-    solve_schur(program, iterate.active[:count], system, rows, step.change)
-    for at in range(count):
-        multiplier, change = iterate.row_multiplier[at], rows[at]
-        step.row_multiplier[at] = change
-        step.row_slack[at] = (step.row_slack[at] - iterate.row_slack[at] * change) / multiplier
-        step.violation[at] = (step.violation[at] + iterate.violation[at] * change) / (
-            program.penalty - multiplier
-        )
 
 
 @kernel
@@ -421,17 +351,15 @@ def solve_schur(program: Program, active: Integers, system: System, rows: Array,
         reduced: Uᵢ⁻ᵀ times each robot's right-hand side, shape (M, n); the effect of the rows is added.
     """
     count, size = len(active), reduced.shape[1]
-    for at in range(count):
-        for side in range(2):
-            robot = _robot_of(program.rows, active[at], side)
+    for at, row in enumerate(active):
+        for side, robot in enumerate(program.rows.robots[row]):
             if robot != NOBODY:
                 for slot in range(system.starts[at], size):
                     rows[at] -= system.reduced_rows[at, side, slot] * reduced[robot, slot]
     solve_transposed(system.schur, count, rows)
     solve_upper(system.schur, count, rows)
-    for at in range(count):
-        for side in range(2):
-            robot = _robot_of(program.rows, active[at], side)
+    for at, row in enumerate(active):
+        for side, robot in enumerate(program.rows.robots[row]):
             if robot != NOBODY:
                 for slot in range(system.starts[at], size):
                     reduced[robot, slot] += system.reduced_rows[at, side, slot] * rows[at]

@@ -13,16 +13,14 @@ import numpy as np
 from agent.solve.compiled import kernel
 from agent.solve.realtime.distances import NOBODY, add_forces, gaps_after
 from agent.solve.realtime.kkt import (
-    Iterate,
     Program,
-    Step,
     System,
-    empty_iterate,
-    empty_step,
+    Variables,
     empty_system,
     factorise_system,
     find_step,
     largest_residual,
+    no_variables,
     set_residuals,
 )
 from agent.solve.realtime.profiles import displacements
@@ -79,10 +77,10 @@ def solve_program(program: Program, limit_multipliers: Array, tolerance: float) 
     """
     robots, size = program.gradients.shape
     capacity = MOST_ROWS_A_ROBOT * (robots + 2)
-    iterate, step = empty_iterate(robots, size, capacity), empty_step(robots, size, capacity)
+    iterate, step = no_variables(robots, size, capacity), no_variables(robots, size, capacity)
     system = empty_system(robots, size, capacity)
     is_active = np.zeros(len(program.rows.gap), np.bool_)
-    count = _begin(program, iterate, limit_multipliers, is_active)
+    count = _begin(program, iterate, limit_multipliers, system.active, is_active)
     solved, iterations, factorised = False, 0, 0
     while not solved and iterations < MOST_ITERATIONS:
         set_residuals(program, iterate, count, system)
@@ -98,9 +96,9 @@ def solve_program(program: Program, limit_multipliers: Array, tolerance: float) 
         find_step(program, iterate, count, system, mean * (after / mean) ** 3, True, step)
         length = min(1.0, TO_BOUNDARY * _longest_length(program, iterate, system, step, count))
         _advance(iterate, step, count, length)
-        count = _activate(program, iterate, is_active, count, TIGHT_M, mean)
+        count = _activate(program, iterate, system.active, is_active, count, TIGHT_M, mean)
     forces = np.zeros((robots, size // 2 + 1, 2))
-    add_forces(program.rows, iterate.active[:count], iterate.row_multiplier, forces)
+    add_forces(program.rows, system.active[:count], iterate.row_multiplier, forces)
     largest = 0.0
     for at in range(count):
         largest = max(largest, iterate.row_multiplier[at])
@@ -111,13 +109,15 @@ def solve_program(program: Program, limit_multipliers: Array, tolerance: float) 
         largest,
         solved,
         iterations,
-        iterate.active[:factorised],
+        system.active[:factorised],
         system,
     )
 
 
 @kernel
-def _begin(program: Program, iterate: Iterate, limit_multipliers: Array, is_active: Booleans) -> int:
+def _begin(
+    program: Program, iterate: Variables, limit_multipliers: Array, active: Integers, is_active: Booleans
+) -> int:
     """Begin near the central path: with the expected multipliers, and products of at least a first mean."""
     mean = FIRST_MEAN
     for gap in program.rows.gap:
@@ -128,21 +128,25 @@ def _begin(program: Program, iterate: Iterate, limit_multipliers: Array, is_acti
             least = LEAST_SLACK * (high - low)
             for side in range(2):
                 gap = high if side == 1 else -low
-                limit_multiplier = max(limit_multipliers[side, robot, row], mean / max(gap, least))
-                iterate.limit_multiplier[side, robot, row] = limit_multiplier
-                iterate.limit_slack[side, robot, row] = max(gap, mean / limit_multiplier)
-    return _activate(program, iterate, is_active, 0, NEAR_M, mean)
+                multiplier = max(limit_multipliers[side, robot, row], mean / max(gap, least))
+                iterate.limit_multiplier[side, robot, row] = multiplier
+                iterate.limit_slack[side, robot, row] = max(gap, mean / multiplier)
+    return _activate(program, iterate, active, is_active, 0, NEAR_M, mean)
 
 
 @kernel
 def _activate(
-    program: Program, iterate: Iterate, is_active: Booleans, count: int, threshold: float, mean: float
+    program: Program,
+    iterate: Variables,
+    active: Integers,
+    is_active: Booleans,
+    count: int,
+    threshold: float,
+    mean: float,
 ) -> int:
     """Make rows with a gap below the threshold active, worst ones first; return how many are."""
-    shifts, gaps = (
-        np.zeros((len(iterate.change), iterate.change.shape[1] // 2 + 1, 2)),
-        np.empty(len(is_active)),
-    )
+    robots, size = iterate.change.shape
+    shifts, gaps = np.zeros((robots, size // 2 + 1, 2)), np.empty(len(is_active))
     for robot in range(len(shifts)):
         displacements(program.jacobian[robot], iterate.change[robot], shifts[robot])
     gaps_after(program.rows, shifts, gaps)
@@ -154,7 +158,7 @@ def _activate(
                 is_active[row] = True
                 slack = max(gaps[row], LEAST_GAP_M)
                 multiplier = min(max(mean / slack, _expected_multiplier(program, row)), 0.5 * program.penalty)
-                iterate.active[count] = row
+                active[count] = row
                 iterate.row_slack[count] = max(gaps[row], mean / multiplier)
                 iterate.row_multiplier[count] = multiplier
                 iterate.violation[count] = mean / (program.penalty - multiplier)
@@ -178,7 +182,7 @@ def _activation_gap(gaps: Array, is_active: Booleans, pair: int, each: int, thre
 @kernel
 def _expected_multiplier(program: Program, row: int) -> float:
     """Of one row: as much of the forces on its robots as may come from it."""
-    i, j, k = program.rows.first[row], program.rows.second[row], program.rows.stage[row]
+    i, j, k = program.rows.robots[row, 0], program.rows.robots[row, 1], program.rows.stage[row]
     x, y = program.rows.normal[row, 0], program.rows.normal[row, 1]
     multiplier: float = x * program.forces[i, k, 0] + y * program.forces[i, k, 1]
     if j != NOBODY:
@@ -187,31 +191,29 @@ def _expected_multiplier(program: Program, row: int) -> float:
 
 
 @kernel
-def _complementarity(program: Program, iterate: Iterate, step: Step, count: int, length: float) -> float:
+def _complementarity(
+    program: Program, iterate: Variables, step: Variables, count: int, length: float
+) -> float:
     """Mean product of slacks and multipliers after a step of some length."""
     total = 0.0
-    slack, limit_multiplier = iterate.limit_slack.ravel(), iterate.limit_multiplier.ravel()
+    slack, multiplier = iterate.limit_slack.ravel(), iterate.limit_multiplier.ravel()
     slack_step, multiplier_step = step.limit_slack.ravel(), step.limit_multiplier.ravel()
     for at in range(len(slack)):
-        total += (slack[at] + length * slack_step[at]) * (limit_multiplier[at] + length * multiplier_step[at])
+        total += (slack[at] + length * slack_step[at]) * (multiplier[at] + length * multiplier_step[at])
     for at in range(count):
-        multiplier = iterate.row_multiplier[at] + length * step.row_multiplier[at]
-        total += (iterate.row_slack[at] + length * step.row_slack[at]) * multiplier
-        violation = iterate.violation[at] + length * step.violation[at]
-        total += violation * (program.penalty - multiplier)
+        force = iterate.row_multiplier[at] + length * step.row_multiplier[at]
+        total += (iterate.row_slack[at] + length * step.row_slack[at]) * force
+        total += (iterate.violation[at] + length * step.violation[at]) * (program.penalty - force)
     return total / (len(slack) + 2 * count)
 
 
 @kernel
-def _longest_length(program: Program, iterate: Iterate, system: System, step: Step, count: int) -> float:
+def _longest_length(
+    program: Program, iterate: Variables, system: System, step: Variables, count: int
+) -> float:
     """The longest step, at most 1, with which no slack and no multiplier becomes negative."""
-    fastest = 1.0
-    for side in range(2):
-        for robot in range(len(iterate.change)):
-            fastest = _fastest(fastest, system.over_slack[side, robot], step.limit_slack[side, robot])
-            fastest = _fastest(
-                fastest, system.over_multiplier[side, robot], step.limit_multiplier[side, robot]
-            )
+    fastest = _fastest(1.0, system.over_slack.ravel(), step.limit_slack.ravel())
+    fastest = _fastest(fastest, system.over_multiplier.ravel(), step.limit_multiplier.ravel())
     for at in range(count):
         fastest = max(fastest, -step.row_slack[at] / iterate.row_slack[at])
         fastest = max(fastest, -step.violation[at] / iterate.violation[at])
@@ -224,7 +226,7 @@ def _longest_length(program: Program, iterate: Iterate, system: System, step: St
 def _fastest(fastest: float, over_values: Array, changes: Array) -> float:
     """The greatest rate at which one of the values goes to zero, if it is more than ``fastest``.
 
-    Five side by side, without branches: one alone would wait for each comparison. Their number is 5K.
+    Five side by side, without branches: one alone would wait for each comparison. Their number is 10MK.
     """
     a, b, c, d, e = fastest, fastest, fastest, fastest, fastest
     for at in range(0, len(changes), 5):
@@ -237,7 +239,7 @@ def _fastest(fastest: float, over_values: Array, changes: Array) -> float:
 
 
 @kernel
-def _advance(iterate: Iterate, step: Step, count: int, length: float) -> None:
+def _advance(iterate: Variables, step: Variables, count: int, length: float) -> None:
     _move(iterate.change.ravel(), step.change.ravel(), length)
     _move(iterate.limit_slack.ravel(), step.limit_slack.ravel(), length)
     _move(iterate.limit_multiplier.ravel(), step.limit_multiplier.ravel(), length)

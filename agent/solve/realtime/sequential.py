@@ -1,4 +1,4 @@
-"""One step of sequential quadratic programming, and how far to follow it."""
+"""One step of sequential quadratic programming, how far to follow it, and how it moves with the goals."""
 
 from typing import NamedTuple
 
@@ -7,11 +7,17 @@ import numpy as np
 from agent.solve.compiled import kernel
 from agent.solve.realtime.cost import blocks_of, cost_of, gradient_of
 from agent.solve.realtime.distances import gaps_after, rows_about, violations_of
-from agent.solve.realtime.kkt import Program
-from agent.solve.realtime.limits import bounds_of, limited_quantities
-from agent.solve.realtime.profiles import displacements, jacobian_of, moved
+from agent.solve.realtime.factorisation import solve_stages, solve_stages_transposed
+from agent.solve.realtime.kkt import Program, solve_schur
+from agent.solve.realtime.profiles import (
+    bounds_of,
+    displacements,
+    jacobian_of,
+    limited_quantities,
+    moved,
+    pull_back,
+)
 from agent.solve.realtime.qp import Outcome, solve_program
-from agent.solve.realtime.sensitivities import sensitivities
 from agent.solve.vehicle import Array
 
 SUFFICIENT = 1e-4
@@ -49,7 +55,7 @@ class Improvement(NamedTuple):
     promised: float
     """Decrease of the merit that was promised, relative to the merit; zero if no part of the step helped."""
     by_goal: Array
-    """See :func:`agent.solve.realtime.sensitivities.sensitivities`."""
+    """See :func:`sensitivities`."""
     solved: bool
     """Whether the quadratic program was."""
 
@@ -134,8 +140,8 @@ def _followed(data: Data, program: Program, states: Array, outcome: Outcome) -> 
     price = LEAST_PRICE + 2.0 * outcome.largest_multiplier
     violation, _ = violations_of(states, data.obstacles, data.safety_distances, data.area)
     merit = cost_of(states, data.goals, data.weights) + price * violation
-    left = _violation_left(program, outcome.change)
-    promised = price * (violation - left) - _modelled_increase(program, outcome.change)
+    increase, left = _modelled(program, outcome.change)
+    promised = price * (violation - left) - increase
     share = 1.0
     while share >= SHORTEST:
         there = moved(states, outcome.change, share, data.step_s)
@@ -146,30 +152,75 @@ def _followed(data: Data, program: Program, states: Array, outcome: Outcome) -> 
 
 
 @kernel
-def _violation_left(program: Program, change: Array) -> float:
-    """Sum of what the linearised rows are violated by after a change, in m."""
-    shifts, total = np.empty((len(change), change.shape[1] // 2 + 1, 2)), 0.0
-    gaps = np.empty(len(program.rows.gap))
-    for robot in range(len(change)):
+def _modelled(program: Program, change: Array) -> tuple[float, float]:
+    """Of a change, by the program: the increase of the cost, gᵀd + ½ dᵀHd, and the violation left, in m."""
+    robots, size = change.shape
+    shifts, gaps = np.empty((robots, size // 2 + 1, 2)), np.empty(len(program.rows.gap))
+    increase, left = 0.0, 0.0
+    for robot in range(robots):
         displacements(program.jacobian[robot], change[robot], shifts[robot])
+        for c in range(2):
+            increase += 0.5 * program.weights[c] * (shifts[robot, :, c] ** 2).sum()
+        increase += (program.gradients[robot] * change[robot]).sum()
+        for slot in range(0, size, 2):
+            block = program.blocks[robot, slot // 2]
+            heading, speed = change[robot, slot], change[robot, slot + 1]
+            increase += 0.5 * (block[0] * heading + 2.0 * block[1] * speed) * heading
+            increase += 0.5 * block[2] * speed * speed
     gaps_after(program.rows, shifts, gaps)
     for gap in gaps:
-        total += max(-gap, 0.0)
-    return total
+        left += max(-gap, 0.0)
+    return increase, left
 
 
 @kernel
-def _modelled_increase(program: Program, change: Array) -> float:
-    """gᵀd + ½ dᵀHd, summed over the robots."""
-    shifts, total = np.empty((change.shape[1] // 2 + 1, 2)), 0.0
-    for robot in range(len(change)):
-        displacements(program.jacobian[robot], change[robot], shifts)
-        for c in range(2):
-            total += 0.5 * program.weights[c] * (shifts[:, c] ** 2).sum()
-        total += (program.gradients[robot] * change[robot]).sum()
-        for slot in range(0, change.shape[1], 2):
-            block = program.blocks[robot, slot // 2]
-            heading, speed = change[robot, slot], change[robot, slot + 1]
-            total += 0.5 * (block[0] * heading + 2.0 * block[1] * speed) * heading
-            total += 0.5 * block[2] * speed * speed
-    return total
+def response(program: Program, outcome: Outcome, gradients: Array) -> Array:
+    """How the solution changes with the gradients, to first order and as long as the same rows are tight.
+
+    Args:
+        program: that was solved.
+        outcome: its solution.
+        gradients: changes of the gradients, shape (M, n).
+
+    Returns:
+        The change of d, shape (M, n).
+    """
+    system, count = outcome.system, len(outcome.active)
+    result, rows = -gradients, np.zeros(count)
+    for robot in range(len(result)):
+        solve_stages_transposed(system.factors[robot], program.jacobian[robot], 0, result[robot])
+    solve_schur(program, outcome.active, system, rows, result)
+    for robot in range(len(result)):
+        solve_stages(system.factors[robot], program.jacobian[robot], result[robot])
+    return result
+
+
+@kernel
+def sensitivities(program: Program, outcome: Outcome, stages: int) -> Array:
+    """∂x_k/∂L of the states of so many stages, from 1 on, by the positions of all goals (x_0, y_0, x_1, …).
+
+    By the implicit function theorem: with L, the gradient of the cost changes by −2Q, summed over the
+    positions of all stages. It holds as long as the same constraints are tight, with the program's Hessian.
+
+    Returns:
+        Shape (2M, M, stages, 4).
+    """
+    robots, size = program.gradients.shape
+    steps = size // 2
+    result = np.zeros((2 * robots, robots, stages, 4))
+    if stages == 0:
+        return result
+    pull, shifts = np.zeros((steps + 1, 2)), np.zeros((steps + 1, 2))
+    for goal in range(2 * robots):
+        gradients = np.zeros((robots, size))
+        pull[:] = 0.0
+        pull[:, goal % 2] = -program.weights[goal % 2]
+        pull_back(program.jacobian[goal // 2], pull, gradients[goal // 2])
+        changes = response(program, outcome, gradients)
+        for robot in range(robots):
+            displacements(program.jacobian[robot], changes[robot], shifts)
+            for k in range(1, stages + 1):
+                slot = 2 * (steps - k)
+                result[goal, robot, k - 1, :2] = shifts[k]
+                result[goal, robot, k - 1, 2:] = changes[robot, slot : slot + 2]
+    return result

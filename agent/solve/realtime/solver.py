@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agent.solve.deadline import Deadline
+from agent.solve import Deadline
 from agent.solve.problem import LIMITED_QUANTITIES, PRICE_PER_M, JointProblem, Solution, Start, within_limits
 from agent.solve.realtime.distances import violations_of
 from agent.solve.realtime.profiles import inputs_of, states_of
@@ -47,7 +47,8 @@ class RealTimeSolver:
                 data, states, forces, multipliers, PRICE_PER_M, TOLERANCE, 0
             )
             iterations += 1
-            if promised <= least and _is_feasible(data, states):
+            _, largest_m = violations_of(states, data.obstacles, data.safety_distances, data.area)
+            if promised <= least and largest_m <= FEASIBLE_M:
                 break
         return _solution(problem, states, forces, multipliers, solved, iterations)
 
@@ -89,11 +90,6 @@ def _begin(problem: JointProblem, start: Start) -> tuple[Data, Array, Array, Arr
     )
 
 
-def _is_feasible(data: Data, states: Array) -> bool:
-    _, largest_m = violations_of(states, data.obstacles, data.safety_distances, data.area)
-    return largest_m <= FEASIBLE_M
-
-
 def _by_side(multipliers: Array) -> Array:
     """Multipliers (M, K, 5) of limits as the quadratic program has them: shape (2, M, 5K), none negative."""
     flat = multipliers.swapaxes(1, 2).reshape(len(multipliers), -1)
@@ -126,19 +122,10 @@ def _solution(
 
 def _data_of(problem: JointProblem) -> Data:
     bounds = problem.input_bounds
-    return Data(
-        # Inputs recovered from noisy poses can lie outside the limits.
-        previous_inputs=_compact(np.clip(problem.previous_inputs, -bounds, bounds)),
-        goals=_compact(problem.goals),
-        input_bounds=_compact(bounds),
-        rate_bounds=_compact(problem.rate_bounds),
-        speed_bounds=_compact(problem.speed_bounds),
-        obstacles=_compact(problem.obstacles),
-        safety_distances=_compact(problem.safety_distances),
-        area=_compact(problem.area),
-        weights=_compact(problem.weights),
-        step_s=problem.step_s,
-    )
+    arrays = {name: _compact(getattr(problem, name)) for name in Data._fields[:-1]}
+    # Inputs recovered from noisy poses can lie outside the limits.
+    arrays["previous_inputs"] = _compact(np.clip(problem.previous_inputs, -bounds, bounds))
+    return Data(**arrays, step_s=problem.step_s)
 
 
 def _compact(values: Array) -> Array:

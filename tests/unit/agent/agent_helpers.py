@@ -13,8 +13,7 @@ from agent.agent import Agent
 from agent.estimate import GoalsName
 from agent.methods import method_of
 from agent.remember.memory import Memory
-from agent.solve import ITERATIONS, joint_solver
-from agent.solve.deadline import Clock, Deadline
+from agent.solve import ITERATIONS, Clock, Deadline, joint_solver
 from agent.solve.multistart import cold_starts
 from agent.solve.problem import JointProblem, JointSolver, Solution, Start
 from agent.solve.vehicle import Array

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from agent_helpers import STEP_S
 
-from agent.estimate.inverse_optimal_control import NEARNESS, InverseProblem
+from agent.estimate.inverse_optimal_control import NEARNESS
 from agent.solve.vehicle import Array
 from protocol.scene import Scene
 
@@ -50,33 +50,6 @@ class DenseSolution:
     goal_offset: Array
     multipliers: Array
     terminal_multipliers: Array
-
-
-def written_out(problem: InverseProblem) -> DenseProblem:
-    """The same problem as matrices, also where noise keeps the observed states from obeying the model.
-
-    ω_m turns the way that was observed after step m, and a_m lengthens it along the observed headings.
-    """
-    states, step_s, steps = problem.states, problem.step_s, len(problem.values)
-    directions = np.stack([np.cos(states[:, 2]), np.sin(states[:, 2])], axis=-1)
-    run = step_s * (np.cumsum(directions, axis=0) - directions)
-    way = states[:, None, :2] - states[None, 1:, :2]
-    by_inputs = np.zeros((steps + 1, 4, steps, 2))
-    by_inputs[:, :2, :, 0] = np.stack([-way[..., 1], way[..., 0]], axis=1)
-    by_inputs[:, :2, :, 1] = np.swapaxes(run[:, None] - run[None, 1:], 1, 2)
-    by_inputs[:, 2, :, 0] = by_inputs[:, 3, :, 1] = 1.0
-    by_inputs *= step_s * np.tri(steps + 1, steps, -1)[:, None, :, None]
-    s = by_inputs.reshape(steps + 1, 4, -1)
-    inputs, before = (np.eye(2 * steps, k=k).reshape(steps, 2, -1) for k in (0, -2))
-    quantities = np.concatenate([s[:-1, [0, 1, 3]], inputs, (inputs - before) / step_s], axis=1)
-    distances = -np.einsum("kjc,kcu->kju", problem.bearings, s[:-1, :2])
-    return DenseProblem(
-        slope=np.einsum("ksu,s,ks->u", s[:-1], 2.0 * problem.weights, states[:-1] - [*states[-1, :3], 0.0]),
-        by_goal=np.einsum("ksu,s->us", s[:-1, :3], -2.0 * problem.weights[:3]),
-        values=problem.values,
-        gradients=np.concatenate([quantities, -quantities, distances], axis=1),
-        terminal=s[-1],
-    )
 
 
 def dense_problem(scene: Scene, tracks: dict[str, Array], robot: str) -> DenseProblem:

@@ -11,10 +11,11 @@ from agent_helpers import NEVER, problem_of
 
 from agent.solve import ITERATIONS, joint_solver
 from agent.solve.multistart import WarmStarts, best_solution
-from agent.solve.problem import JointProblem, JointSolver, Solution, Start
+from agent.solve.problem import PRICE_PER_M, JointProblem, JointSolver, Solution, Start
 from agent.solve.realtime.distances import NOBODY
 from agent.solve.realtime.kkt import Program
-from agent.solve.realtime.sequential import Data
+from agent.solve.realtime.profiles import states_of
+from agent.solve.realtime.sequential import program_about
 from agent.solve.realtime.solver import _data_of
 from agent.solve.vehicle import Array, rollout
 
@@ -22,18 +23,18 @@ FAR_M = 2.0
 """Rows with a larger gap are left out of the oracle's programs at first."""
 
 
-def data_of(problem: JointProblem) -> Data:
-    """The arrays of a problem as kernels take them."""
-    return _data_of(problem)
-
-
-def slots(values: Array) -> Array:
-    """From stages 1…K of headings and speeds (..., K, 2) to the order of the variables (..., 2K)."""
-    return values[..., ::-1, :].reshape(*values.shape[:-2], -1).copy()
+def recorded_programs(problem: JointProblem, steps: range) -> list[Program]:
+    """The quadratic programs with which these steps of a closed loop begin."""
+    programs = []
+    for each in [*closed_loop(problem, steps.stop)][steps.start :: steps.step]:
+        start = each.starts[0]
+        states = states_of(each.problem.states, start.inputs, problem.step_s)
+        programs.append(program_about(_data_of(each.problem), states, start.forces, PRICE_PER_M))
+    return programs
 
 
 def stages(variables: Array) -> Array:
-    """The inverse of :func:`slots`."""
+    """From the order of the variables (..., 2K) to stages 1…K of headings and speeds (..., K, 2)."""
     return variables.reshape(*variables.shape[:-1], -1, 2)[..., ::-1, :].copy()
 
 
@@ -112,7 +113,7 @@ def dense_program(program: Program) -> DenseProgram:
             here = slice(2 * stage, 2 * stage + 2)
             hessian[robot, here, robot, here] += [[turning, mixed], [mixed, speeding]]
     rows = np.zeros((len(program.rows.gap), robots, size))
-    for row, (i, j, k, normal, _) in enumerate(zip(*program.rows[1:], strict=True)):
+    for row, ((i, j), k, normal, _) in enumerate(zip(*program.rows[1:], strict=True)):
         rows[row, i] += normal @ jacobians[i, k]
         if j != NOBODY:
             rows[row, j] -= normal @ jacobians[j, k]

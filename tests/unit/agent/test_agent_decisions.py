@@ -10,7 +10,7 @@ from agent_helpers import EPOCH, STEP_S, Watched, agent_of, euler, scene_of, see
 
 from agent.agent import Agent, Decision
 from agent.estimate import ESTIMATORS
-from agent.estimate.constant_acceleration import ConstantAcceleration
+from agent.estimate.goals import ConstantAcceleration
 from agent.remember.memory import Memory
 from protocol.codec import decode, encode
 from protocol.messages import Mind

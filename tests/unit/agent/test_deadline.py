@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.solve.deadline import Deadline
+from agent.solve import Deadline
 from fleet.audit.replay import RepeatedDeadline
 
 PAUSES = st.lists(st.lists(st.floats(0.0, 2.0), max_size=8), max_size=5)
@@ -17,6 +17,7 @@ def asked(deadline: Deadline, questions: int) -> list[bool]:
     return [deadline.has_passed() for _ in range(questions)]
 
 
+@settings(max_examples=50)
 @given(PAUSES)
 def test_a_repeated_deadline_answers_every_question_as_the_clock_did(decisions: list[list[float]]) -> None:
     readings: Iterator[float] = iter(())

@@ -8,7 +8,7 @@ from agent_helpers import LOOSE, STEP_S, WEIGHTS, remembered, scene_of, square
 from inverse_drives import STEPS, crossing, optimal_drives
 
 from agent.estimate import inverse_optimal_control
-from agent.estimate.constant_acceleration import ConstantAcceleration
+from agent.estimate.goals import ConstantAcceleration
 from agent.estimate.inverse_optimal_control import InverseOptimalControl, solve_inverse
 from protocol.vehicle import Limits
 
@@ -31,7 +31,6 @@ def optimal_window(start: tuple[float, ...], goal: tuple[float, ...], weights=WE
     [
         ((0.0, 0.0, 0.3, 2.0), (3.0, 2.0, 0.9, 0.0)),
         ((-2.0, 1.0, 2.0, 1.0), (-4.0, 4.0, 1.5, 0.0)),
-        ((1.0, 1.0, -1.0, 3.0), (6.0, -4.0, -0.2, 0.0)),
     ],
 )
 def test_the_goal_of_a_drive_that_is_optimal_and_meets_no_limit_is_recovered(start, goal):
@@ -52,17 +51,7 @@ def test_the_goal_is_recovered_with_the_weights_of_the_scene():
     assert np.linalg.norm(InverseOptimalControl(wrong).estimate(memory)["a"][:2] - goal[:2]) > 0.1
 
 
-def test_another_robot_far_away_does_not_change_a_recovered_goal():
-    scene = scene_of("ab", limits=LOOSE, area=LARGE)
-    goal = (3.0, 2.0, 0.9, 0.0)
-    tracks = {
-        "a": optimal_window((0.0, 0.0, 0.3, 2.0), goal),
-        "b": optimal_window((200.0, 0.0, 1.0, 2.0), (205.0, 5.0, 1.0, 0.0)),
-    }
-    assert InverseOptimalControl(scene).estimate(remembered(tracks))["a"] == pytest.approx(goal, abs=0.01)
-
-
-@pytest.mark.parametrize("company", [1, 2, 5, 8])
+@pytest.mark.parametrize("company", [1, 2, 8])
 def test_standing_robots_and_robots_at_their_limits_have_estimates(company):
     """Some stand, in part on one another; one drives along the border, as fast as it can."""
     random = np.random.default_rng(company)
@@ -77,9 +66,9 @@ def test_standing_robots_and_robots_at_their_limits_have_estimates(company):
         assert solve_inverse(InverseOptimalControl(scene).problems(remembered(tracks))[robot], 100).solved
 
 
-@pytest.mark.parametrize("heading", [0.0, 0.8, -2.4])
-def test_a_robot_that_drives_straight_is_going_straight_ahead(heading):
+def test_a_robot_that_drives_straight_is_going_straight_ahead():
     """By symmetry: nothing distinguishes its left from its right."""
+    heading = 0.8
     direction = np.array([math.cos(heading), math.sin(heading)])
     start = (*(-3.0 * direction), heading, 0.0)
     goal = (*(4.0 * direction), heading, 0.0)
@@ -93,7 +82,7 @@ def test_a_robot_that_drives_straight_is_going_straight_ahead(heading):
 
 
 def test_turning_and_moving_the_whole_scene_turns_and_moves_the_estimates():
-    tracks = crossing(3)
+    tracks = crossing()
     angle, shift = 2.1, np.array([7.0, -5.0])
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     moved = {
@@ -107,44 +96,31 @@ def test_turning_and_moving_the_whole_scene_turns_and_moves_the_estimates():
         assert there[robot] == pytest.approx(expected, abs=2e-3)
 
 
-def test_until_enough_steps_were_seen_the_constant_acceleration_model_stands_in():
-    scene = scene_of("abc")
-    tracks = crossing(4)
-    simple, inverse = ConstantAcceleration(scene), InverseOptimalControl(scene)
-    for count in (1, 2, STEPS):
-        memory = remembered({robot: track[:count] for robot, track in tracks.items()})
-        expected = simple.estimate(memory)
-        for robot, estimate in inverse.estimate(memory).items():
-            np.testing.assert_array_equal(estimate, expected[robot])
-    memory = remembered({robot: track[: STEPS + 1] for robot, track in tracks.items()})
-    expected = simple.estimate(memory)
-    for robot, estimate in inverse.estimate(memory).items():
-        assert np.linalg.norm(estimate - expected[robot]) > 0.5
-
-
-def test_each_robot_changes_over_when_it_was_seen_for_long_enough():
-    scene = scene_of("abc")
-    tracks = crossing(4)
-    memory = remembered(tracks | {"c": tracks["c"][-STEPS:]})
+@pytest.mark.parametrize(
+    ("tracks", "simply"),
+    [
+        ({robot: track[:1] for robot, track in crossing().items()}, "abc"),
+        ({robot: track[:STEPS] for robot, track in crossing().items()}, "abc"),
+        (crossing() | {"c": crossing()["c"][-STEPS:]}, "c"),
+        (crossing(), ""),
+    ],
+)
+def test_until_a_robot_was_seen_for_enough_steps_the_constant_acceleration_model_stands_in(tracks, simply):
+    scene, memory = scene_of("abc"), remembered(tracks)
     expected = ConstantAcceleration(scene).estimate(memory)
     estimates = InverseOptimalControl(scene).estimate(memory)
-    assert {robot for robot in "abc" if (estimates[robot] == expected[robot]).all()} == {"c"}
+    assert {robot for robot in "abc" if (estimates[robot] == expected[robot]).all()} == set(simply)
 
 
-def test_a_program_that_is_not_solved_leaves_the_constant_acceleration_estimate(monkeypatch):
-    monkeypatch.setattr(inverse_optimal_control, "ITERATIONS", 1)
-    scene = scene_of("abc")
-    memory = remembered(crossing(4))
-    expected = ConstantAcceleration(scene).estimate(memory)
-    for robot, estimate in InverseOptimalControl(scene).estimate(memory).items():
-        np.testing.assert_array_equal(estimate, expected[robot])
-
-
-def test_a_position_that_is_no_number_leaves_the_constant_acceleration_estimates():
-    """Of everybody, since it belongs to everybody's constraints."""
-    scene, tracks = scene_of("abc"), crossing(4)
-    tracks["b"][8, 0] = math.nan
-    memory = remembered(tracks)
+@pytest.mark.parametrize("flaw", ["too few iterations", "no number"])
+def test_a_program_that_is_not_solved_leaves_the_constant_acceleration_estimate(monkeypatch, flaw):
+    """A position that is no number belongs to everybody's constraints."""
+    tracks = crossing()
+    if flaw == "no number":
+        tracks["b"][8, 0] = math.nan
+    else:
+        monkeypatch.setattr(inverse_optimal_control, "ITERATIONS", 1)
+    scene, memory = scene_of("abc"), remembered(tracks)
     expected = ConstantAcceleration(scene).estimate(memory)
     for robot, estimate in InverseOptimalControl(scene).estimate(memory).items():
         np.testing.assert_array_equal(estimate, expected[robot])
@@ -157,10 +133,3 @@ def test_goals_are_looked_for_inside_the_area_only():
     estimate = InverseOptimalControl(scene).estimate(remembered({"a": window}))["a"]
     assert estimate[0] == 2.5
     assert abs(estimate[1]) <= 2.5
-
-
-def test_a_standing_robot_is_taken_to_stay():
-    """Every goal beside or behind it would explain standing as well; the nearest is taken."""
-    standing = np.tile([1.0, -2.0, 0.4, 0.0], (STEPS + 1, 1))
-    estimate = InverseOptimalControl(scene_of("a")).estimate(remembered({"a": standing}))["a"]
-    assert estimate == pytest.approx([1.0, -2.0, 0.4, 0.0], abs=1e-6)

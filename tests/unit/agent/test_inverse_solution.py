@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from agent_helpers import LOOSE, STEP_S, remembered, scene_of, square
 from inverse_drives import STEPS, crossing, drive, passing
-from inverse_oracle import DenseProblem, dense_problem, solve_dense, written_out
+from inverse_oracle import DenseProblem, dense_problem, solve_dense
 
 from agent.estimate.inverse_optimal_control import (
     FIRST_DISTANCE,
@@ -32,10 +32,10 @@ def variables(solution: InverseSolution) -> tuple[np.ndarray, np.ndarray, np.nda
     return solution.goal_offset, solution.multipliers, solution.terminal_multipliers
 
 
-def windows_of_a_crossing(seed: int) -> Iterator[Tracks]:
-    """Every window of three robots from when they meet until they part."""
-    tracks = crossing(seed, steps=30)
-    for end in range(STEPS + 1, 32):
+def windows_of_a_crossing() -> Iterator[Tracks]:
+    """Windows of three robots from when they meet until they part."""
+    tracks = crossing(steps=30)
+    for end in range(STEPS + 1, 32, 5):
         yield {robot: track[max(0, end - STEPS - 2) : end] for robot, track in tracks.items()}
 
 
@@ -49,7 +49,6 @@ def noisy(tracks: Tracks, seed: int) -> Tracks:
 
 
 PASSING = [passing(seed) for seed in range(30)]
-CROSSING = [*windows_of_a_crossing(1), *windows_of_a_crossing(2)]
 NOISY = [noisy(passing(seed), seed) for seed in range(20)]
 
 
@@ -71,36 +70,6 @@ def assert_same(found: list[InverseSolution], dense: list[DenseProblem]) -> None
     assert max(differences) < 1e-5
 
 
-@pytest.mark.parametrize("tracks", [passing(0), passing(1), crossing(1)])
-def test_constraints_are_those_of_an_independent_set_up(tracks):
-    """The observed ones, and those that the estimator takes from them for noisy windows."""
-    expected, found = dense_problem(scene_of(tracks), tracks, "a"), written_out(all_problems(tracks)["a"])
-    for name in ("slope", "by_goal", "values", "gradients", "terminal"):
-        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-9)
-
-
-def test_a_robot_seen_later_counts_only_where_it_was_seen():
-    problem = all_problems(passing(7))["a"]
-    for column, unseen in enumerate((0, STEPS + 1 - 9, STEPS)):
-        values, bearings = problem.values[:, FIRST_DISTANCE + column], problem.bearings[:, column]
-        assert not values[:unseen].any()
-        assert not bearings[:unseen].any()
-        assert values[unseen:].all()
-        np.testing.assert_allclose(np.linalg.norm(bearings[unseen:], axis=1), 1.0)
-
-
-def test_rates_at_the_first_stage_need_the_state_before_else_the_input_before_is_zero():
-    tracks = {robot: track for robot, track in passing(5).items() if robot in "ab"}
-    inputs = np.diff(tracks["a"][:3, 2:], axis=0) / STEP_S
-    limits = scene_of("a").robot("a").limits
-    bounds = np.array([limits.turn_acceleration_radps2, limits.jerk_mps3])
-    without = {robot: track[1:] for robot, track in tracks.items()}
-    for each, before in ((tracks, inputs[0]), (without, np.zeros(2))):
-        rates = (inputs[1] - before) / STEP_S
-        found = all_problems(each)["a"].values[0, [5, 6, 12, 13]]
-        np.testing.assert_allclose(found, np.concatenate([rates - bounds, -bounds - rates]), atol=1e-9)
-
-
 def test_robots_that_come_and_go_change_the_rows_of_the_next_problem():
     """One estimator writes them all: only robots seen for the whole window have a problem."""
     scene = scene_of("abcd")
@@ -114,31 +83,21 @@ def test_robots_that_come_and_go_change_the_rows_of_the_next_problem():
         assert found["a"].values.shape == (STEPS, FIRST_DISTANCE + len(company) - 1)
 
 
-@pytest.mark.parametrize(("several", "robots", "count"), [(PASSING, "ab", 60), (CROSSING, "abc", 96)])
-def test_goals_are_those_of_a_public_solver_on_an_independent_set_up(several, robots, count):
-    cases = [(tracks, robot) for tracks in several for robot in robots]
-    assert len(cases) == count
+def test_goals_are_those_of_a_public_solver_on_an_independent_set_up():
+    cases = [(tracks, robot) for tracks in PASSING[:6] for robot in "ab"]
+    cases += [(tracks, robot) for tracks in windows_of_a_crossing() for robot in "abc"]
     dense = [dense_problem(scene_of(tracks), tracks, robot) for tracks, robot in cases]
     assert_same([solution_of(tracks, robot) for tracks, robot in cases], dense)
 
 
-def test_so_they_are_where_noise_keeps_states_from_obeying_the_model():
-    """What is then linearised is a choice, so both solve the estimator's own problem."""
-    problems = [problem for tracks in NOISY for problem in all_problems(tracks).values()]
-    assert_same(
-        [solve_inverse(problem, ITERATIONS) for problem in problems], [written_out(each) for each in problems]
-    )
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_solver_of_another_kind_finds_the_same_goal(seed):
+def test_a_solver_of_another_kind_finds_the_same_goal():
     """DAQP is a dual active-set method."""
-    tracks = passing(seed)
+    tracks = passing(2)
     expected = solve_dense(dense_problem(scene_of(tracks), tracks, "a"), "daqp")
     assert solution_of(tracks).goal_offset == pytest.approx(expected.goal_offset, abs=1e-4)
 
 
-@pytest.mark.parametrize("tracks", [passing(0), passing(1), crossing(3)])
+@pytest.mark.parametrize("tracks", [passing(0), passing(1)])
 def test_the_solution_fulfils_the_optimality_conditions(tracks):
     """Karush, Kuhn, Tucker: sufficient, since the program is convex.
 
@@ -167,7 +126,7 @@ def test_every_size_is_solved_by_the_same_compiled_kernel():
     solution_of(passing(0))
     compiled = len(solve_inverse.signatures)
     random = np.random.default_rng(11)
-    for robots, steps in ((1, 2), (1, 15), (2, 15), (8, 15), (32, 15), (3, 60)):
+    for robots, steps in ((1, 2), (2, 15), (12, 15), (2, 40)):
         starts = random.uniform(-3.0, 3.0, (robots, 4)) * [1.0, 1.0, 1.0, 0.3]
         tracks = {f"{i:02}": drive(random, tuple(start), steps + 2) for i, start in enumerate(starts)}
         scene = scene_of(tracks, horizons=Horizons(estimation_steps=steps))
@@ -178,15 +137,7 @@ def test_every_size_is_solved_by_the_same_compiled_kernel():
     assert len(solve_inverse.signatures) == compiled
 
 
-def test_the_same_problem_has_the_same_solution_bit_for_bit_whatever_was_solved_before():
-    first = solution_of(passing(4))
-    for seed in range(5, 8):
-        solution_of(passing(seed), "b")
-    for one, other in zip(solution_of(passing(4)), first, strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
 @pytest.mark.parametrize("field", ["states", "values", "bearings", "weights"])
 def test_what_is_not_finite_leaves_the_problem_unsolved(field, value):
     problem = all_problems(passing(0))["a"]
@@ -223,7 +174,7 @@ def test_robots_in_the_same_place_are_no_obstacle_to_a_solution():
 
 
 def test_the_iterations_allowed_are_at_least_twice_those_ever_needed():
-    for tracks in [*PASSING, *CROSSING, *NOISY]:
+    for tracks in [*PASSING, *windows_of_a_crossing(), *NOISY]:
         loose = scene_of(tracks, limits=LOOSE, area=square(1000.0))
         wide = InverseOptimalControl(loose).problems(remembered(tracks))
         for problem in (*all_problems(tracks).values(), *wide.values()):

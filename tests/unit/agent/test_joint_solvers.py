@@ -1,4 +1,4 @@
-"""Both solvers on problems whose answer is known, and the accounts they give of their solutions."""
+"""Both solvers where the answer is known, and where no plan leads but noise and other robots do."""
 
 import math
 from itertools import combinations
@@ -6,10 +6,13 @@ from itertools import combinations
 import numpy as np
 import pytest
 from agent_helpers import NEVER, SAFETY_M, SOLVERS, STEP_S, WEIGHTS, cold, euler, problem_of
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
-from agent.solve import ITERATIONS, joint_solver
+from agent.solve import ITERATIONS, joint_solver, reference
 from agent.solve.multistart import cold_starts
 from agent.solve.problem import JointProblem, JointSolver, Solution, Start
+from agent.solve.reference import ReferenceSolver
 
 TOLERANCE_M = 1e-5
 """Of distances, and of speeds in m/s, where a solver has converged."""
@@ -46,8 +49,8 @@ def crossing(robots: int = 4, seed: int = 0, **settings) -> JointProblem:
     return problem_of(states, goals, **settings)
 
 
-@pytest.mark.parametrize("heading", [0.0, 2.3])
-def test_one_robot_alone_drives_straight_to_its_goal(solver, heading):
+def test_one_robot_alone_drives_straight_to_its_goal(solver):
+    heading = 2.3
     direction = np.array([math.cos(heading), math.sin(heading)])
     start, goal = (*(-2 * direction), heading, 0.0), (*(2 * direction), heading, 0.0)
     solution = solve(solver, problem_of([start], [goal], steps=60))
@@ -88,8 +91,7 @@ def test_two_robots_head_on_pass_on_the_same_own_side_and_on_the_other_one_from_
     assert mirrored.objective == pytest.approx(leaning.objective, rel=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("robots", [1, 3, 6])
+@pytest.mark.parametrize(("robots", "seed"), [(1, 0), (4, 1)])
 def test_solutions_obey_the_model_and_every_limit(name, solver, robots, seed):
     problem = crossing(robots, seed, previous=[(0.1, -0.5)] * robots, area_m=4.5)
     solution = solve(solver, problem)
@@ -146,22 +148,8 @@ def test_objective_and_violation_agree_with_plain_sums(solver):
     assert solution.violation_m == pytest.approx(shortfall)
 
 
-def test_a_plan_among_the_jointly_predicted_paths_is_the_prediction(solver):
-    """What is best for all together is best for each, given what the others do (eq. 1 after eq. 7)."""
-    joint = crossing(3, seed=2)
-    together = solve(solver, joint)
-    for ego in range(3):
-        others = [robot for robot in range(3) if robot != ego]
-        alone = problem_of(
-            joint.states[[ego]], joint.goals[[ego]], obstacles=together.states[others][:, :, :2]
-        )
-        plan = solve(solver, alone, together.start(slice(ego, ego + 1)))
-        assert plan.solved
-        np.testing.assert_allclose(plan.states[0], together.states[ego], atol=0.01)
-
-
 def test_the_same_problem_has_the_same_solution_bit_for_bit(name, solver):
-    problem, other = crossing(3, seed=5), crossing(3, seed=6)
+    problem, other = crossing(2, seed=5), crossing(2, seed=6)
     first = solve(solver, problem)
     again = solve(solver, problem)
     different = solve(solver, other)
@@ -172,3 +160,108 @@ def test_the_same_problem_has_the_same_solution_bit_for_bit(name, solver):
         np.testing.assert_array_equal(solution.inputs, first.inputs)
         np.testing.assert_array_equal(solution.forces, first.forces)
         assert (solution.objective, solution.iterations) == (first.objective, first.iterations)
+
+
+OPPOSITE = [(4.0, 0.0, 0.0, 0.0), (-4.0, 0.0, math.pi, 0.0)]
+
+
+def assert_inputs_within_limits(problem: JointProblem, inputs: np.ndarray) -> None:
+    """From previous inputs outside the limits, the first change starts at the limit."""
+    held = problem.previous_inputs.clip([-1.57, -3.0], [1.57, 3.0])
+    changes = np.diff(np.concatenate([held[:, None], inputs], axis=1), axis=1)
+    assert (np.abs(inputs) <= [1.57 + 1e-9, 3.0 + 1e-9]).all()
+    assert (np.abs(changes) <= [0.05 + 1e-9, 0.7 + 1e-9]).all()
+
+
+@pytest.mark.parametrize(
+    ("states", "previous"),
+    [
+        ([(-0.5, 0.0, 0.0, 1.0), (0.5, 0.1, math.pi, 1.0)], None),
+        ([(0.0, 0.0, 0.0, 0.0), (0.0, 1e-3, math.pi, 0.0)], None),
+        ([(-11.0, 0.0, 0.0, 0.0), (4.0, 0.0, math.pi, 1.0)], None),
+        ([(-9.0, 0.0, math.pi, 4.0), (4.0, 11.0, 1.0, 2.0)], None),
+        ([(-4.0, 0.0, 0.0, 5.5), (4.0, 0.0, math.pi, -4.8)], None),
+        ([(-4.0, 0.0, 0.0, 4.5), (4.0, 0.0, math.pi, -4.5)], [(0.0, 3.0), (0.0, -3.0)]),
+        ([(-4.0, 0.0, 0.0, 1.0), (4.0, 0.0, math.pi, 1.0)], [(3.0, 5.0), (-2.0, -15.0)]),
+    ],
+    ids=[
+        "closer than the safety distance",
+        "one on top of the other",
+        "outside the area",
+        "on the way out of it",
+        "faster than allowed",
+        "too fast to keep the limit",
+        "previous inputs outside the limits",
+    ],
+)
+def test_it_still_solves_within_the_limits_of_the_vehicles(solver, states, previous):
+    problem = problem_of(states, OPPOSITE, previous=previous)
+    solution = solve(solver, problem)
+    assert solution.solved
+    assert_inputs_within_limits(problem, solution.inputs)
+    np.testing.assert_array_equal(solution.states, problem.rollout(solution.inputs))
+
+
+def test_robots_that_are_too_close_move_apart(solver):
+    problem = problem_of([(-0.5, 0.0, 0.0, 0.0), (0.5, 0.1, math.pi, 0.0)], OPPOSITE)
+    solution = solve(solver, problem)
+    gaps = np.linalg.norm(solution.states[0, :, :2] - solution.states[1, :, :2], axis=1)
+    assert solution.violation_m == pytest.approx(SAFETY_M - gaps[2:].min())
+    assert solution.violation_m > 0.3
+    assert gaps[-1] >= SAFETY_M - 1e-6
+
+
+def test_a_robot_outside_the_area_comes_back(solver):
+    problem = problem_of([(-11.0, 0.0, 0.0, 0.0)], [(0.0, 0.0, 0.0, 0.0)])
+    states = solve(solver, problem).states[0]
+    assert (np.diff(states[:, 0]) >= -1e-9).all()
+    assert states[-1, 0] > -10.0
+
+
+def test_a_robot_that_is_too_fast_slows_down_as_soon_as_it_can(solver):
+    problem = problem_of([(-8.0, 0.0, 0.0, 6.0)], [(8.0, 0.0, 0.0, 0.0)])
+    speeds = solve(solver, problem).states[0, :, 3]
+    braking = np.cumsum([0.07, 0.14, 0.21, 0.28, 0.3, 0.3])
+    np.testing.assert_allclose(speeds[1:5], 6.0 - braking[:4], atol=1e-4)
+    assert (speeds[12:] <= 4.5 + 1e-6).all()
+
+
+# No interior-point method promises to solve all of them, so the examples are the same each time. In a trial,
+# 3500 others were solved.
+@settings(max_examples=8, derandomize=True)
+# Out of the area or beyond its border at full speed: braking is almost the only solution.
+@example(956275)
+@example(230)
+@example(1084)
+@example(2285)
+@given(st.integers(0, 2**32 - 1))
+def test_whatever_was_observed_there_is_a_solution(solver, seed):
+    """One robot anywhere, at any speed, after any input, with another on its way."""
+    random = np.random.default_rng(seed)
+    state = random.uniform([-11.0, -11.0, -math.pi, -6.0], [11.0, 11.0, math.pi, 6.0])
+    obstacle = random.uniform(-5, 5, 2) + STEP_S * np.outer(np.arange(31), random.uniform(-2, 2, 2))
+    problem = problem_of(
+        [state],
+        [random.uniform([-9.0, -9.0, -math.pi, 0.0], [9.0, 9.0, math.pi, 0.0])],
+        previous=[random.uniform([-3.0, -6.0], [3.0, 6.0])],
+        obstacles=obstacle[None],
+    )
+    solution = solve(solver, problem)
+    assert solution.solved
+    assert_inputs_within_limits(problem, solution.inputs)
+
+
+def test_a_solver_that_gives_up_says_so_and_its_inputs_still_obey_the_limits(monkeypatch):
+    monkeypatch.setitem(reference.IPOPT_OPTIONS, "ipopt.max_iter", 2)
+    problem = problem_of([(-4.0, 0.0, 0.0, 0.0), (4.0, 0.0, math.pi, 0.0)], OPPOSITE)
+    solution = solve(ReferenceSolver(), problem)
+    assert not solution.solved
+    assert solution.iterations == 2
+    assert_inputs_within_limits(problem, solution.inputs)
+
+
+def test_a_problem_with_a_value_that_is_no_number_is_not_solved(solver):
+    problem = problem_of([(-4.0, 0.0, 0.0, 0.0)], [(math.nan, 0.0, 0.0, 0.0)])
+    solution = solve(solver, problem)
+    assert not solution.solved
+    assert_inputs_within_limits(problem, solution.inputs)

@@ -9,9 +9,9 @@ from agent_helpers import NEVER, SAFETY_M, SOLVERS, STEP_S, Watched, euler, reme
 
 from agent.remember.memory import Memory
 from agent.solve.multistart import WarmStarts, cold_starts
-from agent.solve.planning import JointPlan, Planner
+from agent.solve.planning import Planner
 from agent.solve.prediction import RETRY_STEPS, Predictor
-from agent.solve.problem import JointProblem, JointSolver, Solution, Start, joint_problem
+from agent.solve.problem import JointSolver, Start, joint_problem
 from protocol.scene import Area, PublicRobot, Scene, Weights
 from protocol.vehicle import STANDSTILL, Input, Limits
 
@@ -140,19 +140,6 @@ def test_the_first_prediction_starts_cold_and_each_further_one_from_the_last_a_s
         np.testing.assert_array_equal(warm.limit_multipliers[row], [*limit_multipliers[1:], np.zeros(5)])
 
 
-def test_the_first_prediction_is_the_best_of_the_cold_starts():
-    class OnlyOnce(Watched):
-        def solve(self, problem: JointProblem, start: Start) -> Solution:
-            self.fails = set() if len(self.asked) == 2 else {"predict"}
-            return super().solve(problem, start)
-
-    solver = OnlyOnce()
-    prediction = Predictor(scene_of("abc"), solver, NEVER).predict(memory_of("abc"), GOALS, ())
-    assert prediction.solved
-    np.testing.assert_array_equal(list(prediction.inputs.values()), solver.answered[2].inputs)
-    assert not np.array_equal(solver.answered[0].inputs, solver.answered[2].inputs)
-
-
 def test_after_a_failed_prediction_the_next_one_starts_cold():
     solver, memory = Watched(), memory_of("ab")
     predictor = Predictor(scene_of("ab"), solver, NEVER)
@@ -218,15 +205,6 @@ def test_planning_for_the_estimated_goal_repeats_the_self_prediction(solver):
     planner = Planner(scene, "b", solver, NEVER)
     plan = planner.plan(memory, GOALS["b"], memory.previous_input("b"), prediction)
     np.testing.assert_allclose(plan.states[:, :2], prediction.paths["b"], atol=0.01)
-
-
-def test_with_exchanged_goals_the_prediction_is_the_plan():
-    memory = memory_of("ab")
-    prediction = Predictor(scene_of("ab"), SOLVERS["realtime"], NEVER).predict(memory, GOALS, ())
-    plan = JointPlan("b").plan(memory, GOALS["b"], STANDSTILL, prediction)
-    assert plan.solved
-    np.testing.assert_array_equal(plan.inputs, prediction.inputs["b"])
-    np.testing.assert_array_equal(plan.states, prediction.states["b"])
 
 
 @pytest.mark.parametrize(("how", "others"), [({}, False), ({"sigmas": (0.02, 0.02, 0.03, 0.05)}, True)])

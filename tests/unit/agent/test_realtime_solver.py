@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from realtime_helpers import closed_loop, random_crossing
 
-from agent.solve.deadline import Deadline
+from agent.solve import Deadline
 from agent.solve.problem import JointProblem, Solution, Start, clip_stages
 from agent.solve.realtime.profiles import inputs_of, states_of
 from agent.solve.realtime.sequential import improve
@@ -47,9 +47,9 @@ def assert_within_limits(problem: JointProblem, inputs: np.ndarray) -> None:
 
 def test_recorded_problems_are_solved_as_by_the_reference():
     """In the same local optimum, which both of them find from the same trajectories."""
-    count, pushed = 0, 0
-    for robots, seed in ((2, 0), (3, 1), (4, 2), (5, 3), (6, 4)):
-        for each in list(closed_loop(random_crossing(robots, seed), 25))[3::5]:
+    pushed = 0
+    for robots, seed in ((2, 0), (3, 1), (4, 2), (5, 3)):
+        for each in list(closed_loop(random_crossing(robots, seed), 14))[3::5]:
             start = replace(each.starts[0], warm=False)
             found, expected = (solver.solve(each.problem, start) for solver in SOLVERS.values())
             assert found.solved
@@ -58,12 +58,11 @@ def test_recorded_problems_are_solved_as_by_the_reference():
             assert found.violation_m < 1e-5
             np.testing.assert_allclose(found.inputs[:, 0], expected.inputs[:, 0], atol=0.02)
             np.testing.assert_allclose(found.states[:, :, :2], expected.states[:, :, :2], atol=0.1)
-            count, pushed = count + 1, pushed + bool(found.forces.any())
-    assert count >= 20
-    assert pushed >= 8, "distances are meant to matter"
+            pushed += bool(found.forces.any())
+    assert pushed >= 4, "distances are meant to matter"
 
 
-@pytest.mark.parametrize(("robots", "seed"), [(4, 2), pytest.param(6, 4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("robots", "seed"), [(3, 1), pytest.param(6, 4, marks=pytest.mark.slow)])
 def test_a_closed_loop_costs_what_it_costs_with_the_reference(robots, seed):
     """Two iterations a step against as many as it takes."""
     problem, costs, ways, pushed = random_crossing(robots, seed), [], [], False
@@ -134,7 +133,7 @@ def test_a_start_with_a_value_that_is_no_number_leads_to_no_solution(part):
     assert not solve(problem, replace(start, **{part: spoiled})).solved
 
 
-@settings(max_examples=30)
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(1, 3), st.booleans())
 def test_limits_are_kept_exactly_after_any_number_of_iterations(seed, robots, iterations, warm):
     """A command beyond them by a rounding error would be clipped by the world, and counted."""

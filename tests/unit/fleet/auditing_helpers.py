@@ -8,7 +8,7 @@ import yaml
 
 from agent.agent import Agent
 from agent.process.options import DecisionOptions
-from agent.solve.deadline import Deadline
+from agent.solve import Deadline
 from fleet.audit.recorded import open_run
 from fleet.audit.replay import Audit, Report
 from fleet.interruption import Interruption

@@ -12,8 +12,7 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 import world.__main__
-from agent.solve import SolverName, joint_solver
-from agent.solve.deadline import Deadline
+from agent.solve import Deadline, SolverName, joint_solver
 from agent.solve.problem import JointSolver
 from chassis.refusal import app_of
 from fleet.cli import COMMANDS, app
