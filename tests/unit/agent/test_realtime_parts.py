@@ -44,7 +44,7 @@ from agent.solve.realtime.profiles import (
 )
 from agent.solve.vehicle import recovered_inputs, rollout
 
-few = settings(max_examples=20)
+few = settings(max_examples=12)
 seeds = st.integers(0, 2**32 - 1)
 sizes = st.integers(1, 12)
 odd_sizes = st.sampled_from([1, 2, 3, 4, 7, 30])
@@ -78,26 +78,18 @@ def test_a_change_moves_headings_and_speeds_and_positions_follow(seed, steps, sh
 
 @few
 @given(seeds, sizes)
-def test_displacements_are_the_derivative_of_the_rollout(seed, steps):
+def test_displacements_are_the_derivative_of_the_rollout_and_pulling_back_adds_their_transpose(seed, steps):
     """By a complex step, which has no rounding error to speak of."""
     random = np.random.default_rng(seed)
     states, change = wild_states(random, 1, steps), random.normal(size=2 * steps)
     derivative = driven(states[0], 1e-30j * change, STEP_S).imag[:, :2] / 1e-30
-    found = np.full((steps + 1, 2), np.nan)
-    displacements(jacobian_of(states, STEP_S)[0], change, found)
+    jacobian, found = jacobian_of(states, STEP_S)[0], np.full((steps + 1, 2), np.nan)
+    displacements(jacobian, change, found)
     np.testing.assert_allclose(found, derivative, atol=1e-12 * max(1.0, np.abs(derivative).max()))
-
-
-@few
-@given(seeds, sizes)
-def test_pulling_back_is_the_transpose_of_displacing_and_adds(seed, steps):
-    random = np.random.default_rng(seed)
-    jacobian, change = jacobian_of(wild_states(random, 1, steps), STEP_S)[0], random.normal(size=2 * steps)
     forces, before = random.normal(size=(steps + 1, 2)), random.normal(size=2 * steps)
-    shifts, pulled = np.empty((steps + 1, 2)), before.copy()
-    displacements(jacobian, change, shifts)
+    pulled = before.copy()
     pull_back(jacobian, forces, pulled)
-    np.testing.assert_allclose((pulled - before) @ change, (forces * shifts).sum(), atol=1e-10)
+    np.testing.assert_allclose((pulled - before) @ change, (forces * found).sum(), atol=1e-9)
 
 
 @few
