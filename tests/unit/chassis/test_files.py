@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import Field
 
-from chassis.files import Record, mistake_at, read_as
+from chassis.files import MAX_FILE_BYTES, Record, mistake_at, read_as
 from chassis.refusal import ExitStatus, Refusal
 from protocol.scenario import Scenario, load_scenario
 
@@ -60,37 +60,22 @@ def refusal(load: Load, content: str | bytes) -> list[str]:
 
 # A change to the good file; the beginning of the one line that follows, and more that it says.
 MISTAKES = [
-    # misspelt and unknown keys, at every level
     ("area: {", "aera: {", "2: aera: ", "no such field; did you mean 'area'?"),
-    ("prediction_steps", "predicton_steps", "4: horizons.predicton_steps: ", "'prediction_steps'?"),
-    ("speed_mps", "speed", "15: robots[1].limits.speed: ", "did you mean 'speed_mps'?"),
     ("range_m: 5", "colour: 5", "16: robots[1].sensing.colour: ", "the fields here are range_m, position_"),
-    # missing fields: the line of the map that lacks them
-    ("name: crossing\n", "", "1: name: ", "this field is missing"),
     ("  - id: b\n    start", "  - start", "11: robots[1].id: ", "this field is missing"),
-    # wrong types, and what YAML takes for another one than a person does
-    (X, "      x_m: four\n", GOAL_X, "number, found 'four'"),
     (X, "      x_m: 4e0\n", GOAL_X, "found '4e0'; to make it a number write it without quotes, and powers"),
     (X, "      x_m:\n", GOAL_X, "found nothing"),
     ("name: crossing", "name: 12", "1: name: ", "found 12; put it in quotes"),
-    ("name: crossing", "name: &a [*a]", "1: name: ", "found a list of 1"),
     ("start: {x_m: -4, y_m: 0}", "start: -4", "7: robots[0].start: ", "a map with x_m, y_m … is expected"),
-    ("{x_min_m: -6}", "small", "2: area: ", "a map with x_min_m, x_max_m, y_min_m, y_max_m is expected"),
-    # values out of range, and checks of the whole
-    (X, "      x_m: .nan\n", GOAL_X, "finite number, found .nan"),
     ("id: b", "id: b/c", "11: robots[1].id: ", "'b/c' found, 1 to 32 letters, digits, '-' or '_'"),
     ("x_min_m: -6", "x_min_m: 10", "2: area: ", "the area is empty"),
-    # ambiguous or foreign YAML
+    # ambiguous or foreign YAML, and text that is none
     ("name: crossing", "name: a\nname: crossing", "2: 'name' is given twice, first in line 1", "keep one"),
     (X, "      x_m: !!python/object:os.system {}\n", "9: the tag !!python/object:os.system is not", "plain"),
-    (X, "      x_m: !!bool maybe\n", "9: 'maybe' cannot be read as !!bool", ""),
-    (X, "      x_m: 2026-13-45\n", "9: '2026-13-45' cannot be read as !!timestamp", ""),
     (X, f"      x_m: {'9' * 5000}\n", "9: '9999", "…' cannot be read as !!int"),
     (X, "      ? [x_m]\n      : 4\n", "9: a key must be text, found a map or a list", ""),
     (X, "      <<: 4\n", "9: '<<' merges maps", ""),
-    # text that is not YAML
     (X, "      x_m: [4\n", "10: one YAML document is expected: while parsing a flow sequence", ""),
-    (X, "\tx_m: 4\n", "9: one YAML document is expected: while scanning for the next token", ""),
     (X, "      x_m: 4\x07\n", "9: the character U+0007 is not allowed", ""),
 ]
 
@@ -112,24 +97,19 @@ class Circle(Record):
 
 class Square(Record):
     kind: Literal["square"]
-    side_m: Annotated[float, Field(le=1)]
+    side_m: float
 
 
 class Drawing(Record):
-    shapes: Annotated[list[Annotated[Circle | Square, Field(discriminator="kind")]], Field(min_length=1)]
+    shapes: list[Annotated[Circle | Square, Field(discriminator="kind")]]
 
 
 @pytest.mark.parametrize(
     ("text", "begin", "rest"),
     [
-        ("", "d.yaml: ", "the file is empty; a drawing needs a map with shapes"),
-        ("- 1\n", "d.yaml:1: ", "a map with shapes is expected, found a list of 1"),
-        ("shapes: []\n", "d.yaml:1: shapes: ", "at least 1 item"),
         ("shapes:\n- circle\n", "d.yaml:2: shapes[0]: ", "a map with kind … is expected, found 'circle'"),
         ("shapes:\n- {side_m: 1}\n", "d.yaml:2: shapes[0].kind: ", "missing; the kinds are circle, square"),
         ("shapes:\n- {side_m: 1,\n   kind: squar}\n", "d.yaml:3: shapes[0].kind: ", "did you mean 'square'?"),
-        ("shapes:\n- kind: circle\n", "d.yaml:2: shapes[0].radius_m: ", "this field is missing"),
-        ("shapes:\n- {kind: square,\n   side_m: 2}\n", "d.yaml:3: shapes[0].side_m: ", "found 2"),
         ("shapes:\n- {kind: square, sid_m: 1}\n", "d.yaml:2: shapes[0].sid_m: ", "did you mean 'side_m'?"),
         ("shapes:\n- {kind: circle, radius_m: 0}\n", "d.yaml:2: shapes[0].radius_m: ", "no circle"),
     ],
@@ -155,29 +135,22 @@ def test_what_is_one_of_several_kinds_is_judged_as_its_kind(
     ("content", "begin"),
     [
         (b"# a comment\n", "crossing.yaml: the file is empty; a scenario needs a map with name, robots …"),
-        (b"\n- 1\n- 2\n", "crossing.yaml:2: a map with name, robots … is expected, found a list of 2"),
         (GOOD.encode() + b"---\nname: other\n", "crossing.yaml:17: one YAML document is expected: "),
         (b"name: a\n# caf\xe9\n", "crossing.yaml:2: UTF-8 text is expected, found the byte 0xe9"),
-        ("name: a\n".encode("utf-16"), "crossing.yaml:1: UTF-8 text is expected, found the byte 0xff"),
         (b"[" * 500, "crossing.yaml: nested too deep; a scenario has five levels at most"),
     ],
-    ids=range(6),
+    ids=range(4),
 )
 def test_a_file_that_holds_no_scenario_is_refused(load: Load, content: bytes, begin: str) -> None:
     (line,) = refusal(load, content)
     assert line.startswith(begin)
 
 
-def test_the_size_of_a_file_is_bounded(load: Load, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("chassis.files.MAX_FILE_BYTES", 1000)
-    assert load(GOOD.ljust(1000, "\n")).name == "crossing"
-    assert refusal(load, GOOD.ljust(1001, "\n"))[0].startswith("crossing.yaml: the file is larger than 1000")
-
-
-def test_a_file_that_cannot_be_read_is_refused_with_the_reason(tmp_path: Path) -> None:
-    for path, reason in ((tmp_path / "missing.yaml", "No such file"), (tmp_path, "Is a directory")):
+def test_a_file_that_is_too_large_or_cannot_be_read_is_refused(load: Load) -> None:
+    assert refusal(load, b" " * (MAX_FILE_BYTES + 1))[0].startswith("crossing.yaml: the file is larger than")
+    for path, reason in (("missing.yaml", "No such file"), (".", "Is a directory")):
         with pytest.raises(Refusal, match=f"cannot be read: {reason}"):
-            load_scenario(path)
+            load_scenario(Path(path))
 
 
 def test_all_mistakes_are_told_at_once_in_the_order_of_the_file(load: Load) -> None:
@@ -191,13 +164,10 @@ def test_all_mistakes_are_told_at_once_in_the_order_of_the_file(load: Load) -> N
     ]
 
 
-@pytest.mark.parametrize(("mistakes", "rest"), [(5, []), (8, ["and 3 more"])])
-def test_at_most_five_mistakes_are_told_and_the_rest_counted(
-    load: Load, mistakes: int, rest: list[str]
-) -> None:
-    lines = refusal(load, GOOD + "".join(f"key{n}: {n}\n" for n in range(mistakes)))
+def test_at_most_five_mistakes_are_told_and_the_rest_counted(load: Load) -> None:
+    lines = refusal(load, GOOD + "".join(f"key{n}: {n}\n" for n in range(8)))
     assert [line.split(": ")[0] for line in lines[:5]] == [f"crossing.yaml:{n}" for n in range(17, 22)]
-    assert lines[5:] == rest
+    assert lines[5:] == ["and 3 more"]
 
 
 ALIASES = """\
@@ -211,13 +181,12 @@ robots:
 """
 
 
-def test_aliases_and_merge_keys_mean_what_yaml_says(load: Load) -> None:
+def test_aliases_and_merge_keys_mean_what_yaml_says_and_mistakes_are_told_where_they_are_written(
+    load: Load,
+) -> None:
     limits = [robot.limits for robot in load(ALIASES).robots]
     assert [limit.speed_mps for limit in limits] == [1, 1, 3, 4, 4.5]
     assert [limit.jerk_mps3 for limit in limits] == [2, 2, 2, 2, 7]
-
-
-def test_a_mistake_behind_an_alias_is_told_where_it_is_written(load: Load) -> None:
     lines = refusal(load, ALIASES.replace("speed_mps: 1,", "speed_mps: fast,"))
     assert [line.partition(": ")[0] for line in lines] == ["crossing.yaml:3", "crossing.yaml:3"]
     assert "robots[1].limits.speed_mps" in lines[1]

@@ -21,8 +21,7 @@ from chassis.health import (
     VitalSigns,
     watch_port,
 )
-from chassis.healthy import HOST, LIVE, METRICS, READY, VARIABLE, ask
-from chassis.refusal import ExitStatus, Refusal
+from chassis.healthy import HOST, LIVE, METRICS, VARIABLE, ask
 
 
 class Clock:
@@ -54,55 +53,48 @@ def port(service):
         yield port
 
 
-def get(port, path, method="GET", **headers):
+def get(port, path, method="GET"):
     connection = http.client.HTTPConnection(HOST, port, timeout=30.0)
     with contextlib.closing(connection):
-        connection.request(method, path, headers=headers)
+        connection.request(method, path)
         answer = connection.getresponse()
         return answer.status, answer.headers["Content-Type"], answer.read().decode()
 
 
-def test_a_process_is_live_as_long_as_its_loop_gives_signs_of_life(service, port):
-    assert ask(str(port), LIVE) == (False, "not live: it has just been started")
-    service.beat()
-    service.clock.now_s += LONGEST_SILENCE_S + 1.0  # a start may take longer than a turn of the loop
-    assert ask(str(port), LIVE) == (True, "live")
-    service.beat()
-    service.up()
-    assert ask(str(port), LIVE) == (True, "live")
-    service.clock.now_s += LONGEST_SILENCE_S + 1.0
-    assert ask(str(port), LIVE) == (False, "not live: no sign of life for 11 s")
-    service.beat()
-    assert ask(str(port), LIVE) == (True, "live")
+def test_a_process_is_live_while_its_loop_gives_signs_of_life_and_ready_while_it_works(
+    service, port, monkeypatch, capsys
+):
+    """As the health check of a container asks, at the port that the environment names."""
 
+    def says(*questions):
+        return healthy.main([*questions]), capsys.readouterr().out.strip()
 
-def test_a_process_is_ready_when_it_is_live_and_works(service, port):
+    monkeypatch.setenv(VARIABLE, str(port))
+    assert says("live") == (1, "not live: it has just been started")
     service.beat()
     service.wants("it waits for a world")
-    assert ask(str(port), READY) == (False, "not ready: it waits for a world")
+    service.clock.now_s += LONGEST_SILENCE_S + 1.0  # a start may take longer than a turn of the loop
+    assert says("live") == (0, "live")
+    assert says() == (1, "not ready: it waits for a world")
     service.works("drives")
-    service.up()
-    assert ask(str(port), READY) == (True, "ready")
-    service.clock.now_s += LONGEST_SILENCE_S + 1.0
-    assert ask(str(port), READY) == (False, "not ready: no sign of life for 11 s")
     service.beat()
+    service.up()
+    assert says("ready") == (0, "ready")
+    service.clock.now_s += LONGEST_SILENCE_S + 1.0
+    assert says("live") == (1, "not live: no sign of life for 11 s")
+    assert says() == (1, "not ready: no sign of life for 11 s")
+    service.beat()
+    assert says("live") == (0, "live")
     service.ends()
-    assert ask(str(port), READY) == (False, "not ready: it ends")
+    assert says() == (1, "not ready: it ends")
 
 
-@pytest.mark.parametrize("accept", ["text/plain", "application/openmetrics-text; version=1.0.0"])
-def test_metrics_come_in_the_format_that_is_asked_for(port, accept):
-    status, content_type, text = get(port, METRICS, Accept=accept)
-    assert status == 200
-    assert content_type.startswith(accept.partition(";")[0])
-    if "openmetrics" not in accept:
-        [family] = text_string_to_metric_families(text)
-        assert [(sample.name, sample.value) for sample in family.samples] == [("unspoken_test", 4.5)]
-
-
-def test_anything_else_is_refused(port):
-    assert get(port, "/")[0] == 404
-    assert f"{LIVE}, {READY} or {METRICS}" in get(port, "/etc/passwd")[2]
+def test_metrics_are_told_and_anything_else_is_refused(port):
+    status, content_type, text = get(port, METRICS)
+    assert (status, content_type.partition(";")[0]) == (200, "text/plain")
+    [family] = text_string_to_metric_families(text)
+    assert [(sample.name, sample.value) for sample in family.samples] == [("unspoken_test", 4.5)]
+    assert get(port, "/etc/passwd")[0] == 404
     assert get(port, LIVE, method="POST")[0] == 501
 
 
@@ -110,16 +102,6 @@ def test_only_this_machine_is_answered(port):
     sockets = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
     bound = [fields[1] for fields in sockets if fields[3] == "0A"]
     assert [address for address in bound if address.endswith(f":{port:04X}")] == [f"0100007F:{port:04X}"]
-
-
-def test_a_port_is_taken_as_long_as_it_is_answered(service):
-    with watch_port(service, 0) as port:
-        with pytest.raises(Refusal, match=f"watch port {port} on .* cannot be used: Address al") as taken:
-            watch_port(service, port).__enter__()
-        assert taken.value.status is ExitStatus.FAILED
-    answers, why = ask(str(port), LIVE)
-    assert not answers
-    assert "nobody answers at http" in why
 
 
 def test_clients_that_say_nothing_lose_their_places_to_others(port):
@@ -145,10 +127,7 @@ def test_a_client_that_stays_silent_is_given_up(port, monkeypatch):
         assert client.recv(100) == b""
 
 
-@pytest.mark.parametrize(
-    "said",
-    [b"\0" * 70_000, b"GET " + 70_000 * b"a", b"GET /live HTTP/9.9\r\n\r\n", b"x: y\r\n" * 9000],
-)
+@pytest.mark.parametrize("said", [b"\0" * 70_000, b"GET " + 70_000 * b"a", b"x: y\r\n" * 9000])
 def test_nonsense_does_no_harm(service, port, capfd, said):
     service.beat()
     with socket.create_connection((HOST, port)) as client, contextlib.suppress(OSError):
@@ -165,12 +144,3 @@ def test_clients_without_end_are_served_at_a_bounded_rate(port):
     for _ in range(count):
         assert get(port, METRICS)[0] == 200
     assert time.monotonic() - begin_s > 0.9 * (count - 1) / MOST_A_SECOND
-
-
-def test_a_health_check_asks_at_the_port_of_the_environment(service, port, monkeypatch, capsys):
-    monkeypatch.setenv(VARIABLE, str(port))
-    service.beat()
-    assert (healthy.main([]), capsys.readouterr().out) == (1, "not ready: it has just been started\n")
-    assert (healthy.main(["live"]), capsys.readouterr().out) == (0, "live\n")
-    service.works("drives")
-    assert healthy.main([]) == healthy.main(["ready"]) == 0

@@ -48,7 +48,3 @@ def test_a_lone_command_and_one_in_groups_refuse_once(
 ) -> None:
     result = CliRunner().invoke(app, [*words, "--where", where])
     assert (result.stdout, result.stderr, result.exit_code) == ("", line, status)
-
-
-def test_the_numbers_are_those_that_the_help_texts_say() -> None:
-    assert list(ExitStatus) == [0, 1, 2, 3]

@@ -28,44 +28,33 @@ def listens(request, tmp_path):
         yield socket_
 
 
-def manager_of(listens, clock, watchdog_s=None):
-    watchdog = {} if watchdog_s is None else {"WATCHDOG_USEC": f"{watchdog_s * 1e6:.0f}"}
-    return ServiceManager(listens.environment | watchdog, clock)
+@pytest.fixture
+def manager(listens, clock):
+    return ServiceManager({**listens.environment, "WATCHDOG_USEC": "8000000"}, clock)
 
 
-def test_what_is_told_arrives(listens, clock):
-    manager = manager_of(listens, clock)
+def test_a_start_asks_for_more_time_and_feeds_no_watchdog_which_is_fed_several_times_in_its_time_then(
+    listens, clock, manager
+):
     manager.tell(STATUS="it waits\nfor a world")
-    manager.up()
-    manager.up()
-    assert listens.drain() == [{"STATUS": "it waits for a world"}, {"READY": "1"}]
-
-
-def test_a_start_that_goes_on_asks_for_more_time_and_feeds_no_watchdog(listens, clock):
-    manager = manager_of(listens, clock, watchdog_s=8.0)
     manager.alive()
     manager.alive()
     clock.now_s += LONGEST_START_S / 2
     manager.alive()
-    assert listens.drain() == 2 * [{"EXTEND_TIMEOUT_USEC": "120000000"}]
-
-
-def test_the_watchdog_is_fed_several_times_in_its_time_and_by_nothing_else(listens, clock):
-    manager = manager_of(listens, clock, watchdog_s=8.0)
+    more_time = {"EXTEND_TIMEOUT_USEC": "120000000"}
+    assert listens.drain() == [{"STATUS": "it waits for a world"}, more_time, more_time]
     manager.up()
-    listens.drain()
+    manager.up()
+    assert listens.drain() == [{"READY": "1"}]
     fed = 0
     for _ in range(80):
         clock.now_s += 0.1
         manager.alive()
         fed += listens.drain() == [{"WATCHDOG": "1"}]
     assert fed in (3, 4)
-    clock.now_s += 100.0
-    assert listens.drain() == []
 
 
-def test_a_listener_whose_queue_is_full_holds_nothing_up_and_is_told_later(listens, clock):
-    manager = manager_of(listens, clock, watchdog_s=8.0)
+def test_a_listener_whose_queue_is_full_holds_nothing_up_and_is_told_later(listens, manager):
     for number in range(2_000):
         manager.tell(STATUS=str(number))
     manager.up()
@@ -102,11 +91,9 @@ def test_without_a_service_manager_nothing_happens(monkeypatch):
 @pytest.mark.parametrize(
     ("told", "fed"),
     [
-        ({"WATCHDOG_USEC": "4000000"}, True),
         ({"WATCHDOG_USEC": "4000000", "WATCHDOG_PID": str(os.getpid())}, True),
         ({"WATCHDOG_USEC": "4000000", "WATCHDOG_PID": str(os.getpid() + 1)}, False),
         ({"WATCHDOG_USEC": "soon"}, False),
-        ({}, False),
     ],
 )
 def test_the_environment_says_whether_a_watchdog_wants_to_be_fed(listens, told, fed):
