@@ -183,6 +183,7 @@ def _yaml(fields: dict[str, Any], *, inline: bool) -> str:
         default_flow_style=style,
         sort_keys=False,
         width=math.inf,
+        allow_unicode="\\" not in repr(fields),  # PyYAML would write U+0085, a line break, as it is
     )
 
 

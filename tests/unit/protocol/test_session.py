@@ -3,8 +3,10 @@
 import json
 import socket
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from functools import partial
 from queue import Queue
 from typing import Any
 
@@ -38,15 +40,11 @@ def test_zenoh_reads_the_settings(session: Any, own: dict[str, Any]) -> None:
     assert {key: json.loads(config.get_json(key)) for key in expected} == expected
 
 
-class Listener:
-    """A subscription that keeps the sizes of what arrives and lets a test wait for one."""
-
-    def __init__(self, session: zenoh.Session) -> None:
-        self._sizes: Queue[int] = Queue()
-        session.declare_subscriber(KEY, lambda sample: self._sizes.put(len(bytes(sample.payload))))
-
-    def next_size(self) -> int:
-        return self._sizes.get(timeout=PATIENCE_S)
+def listener(session: zenoh.Session) -> Callable[[], int]:
+    """A subscription, as a function that waits for the next payload and tells its size."""
+    sizes: Queue[int] = Queue()
+    session.declare_subscriber(KEY, lambda sample: sizes.put(len(bytes(sample.payload))))
+    return partial(sizes.get, timeout=PATIENCE_S)
 
 
 def wait_for_a_listener(publisher: zenoh.Publisher) -> None:
@@ -59,7 +57,7 @@ def test_a_robot_that_was_there_first_hears_the_world_that_comes_later(endpoint:
     def wait_for_the_world_and_listen() -> int:
         opening.set()
         with zenoh.open(client_session(endpoint).to_zenoh()) as robot:
-            return Listener(robot).next_size()
+            return listener(robot)()
 
     opening = threading.Event()
     with ThreadPoolExecutor(1) as pool:
@@ -79,12 +77,12 @@ def test_the_largest_payload_passes_both_ways_and_a_larger_one_is_dropped(endpoi
     ):
         assert (robot.info.routers_zid(), robot.info.peers_zid()) == ([world.info.zid()], [])
         for sender, receiver in ((world, robot), (robot, world)):
-            listener = Listener(receiver)
+            next_size = listener(receiver)
             publisher = sender.declare_publisher(KEY, **NEVER_DROP)
             wait_for_a_listener(publisher)
             for size in (MAX_PAYLOAD_BYTES, MAX_PAYLOAD_BYTES + 4096, 1):
                 publisher.put(bytes(size))
-            assert (listener.next_size(), listener.next_size()) == (MAX_PAYLOAD_BYTES, 1)
+            assert (next_size(), next_size()) == (MAX_PAYLOAD_BYTES, 1)
             publisher.undeclare()
 
 
@@ -100,13 +98,8 @@ def test_half_open_connections_keep_nobody_out() -> None:
         zenoh.open(client_session(endpoint, patience_s=4.0).to_zenoh()).close()
 
 
-@pytest.fixture
-def _hasty(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_absence_is_told_again_and_again_until_the_world_comes(endpoint, monkeypatch):
     monkeypatch.setattr(protocol.session, "PATIENCE_S", 0.05)
-
-
-@pytest.mark.usefixtures("_hasty")
-def test_absence_is_told_again_and_again_until_the_world_comes(endpoint):
     opening, beats, told, worlds = Opening(), [], [], []
 
     def tell() -> None:
@@ -115,34 +108,5 @@ def test_absence_is_told_again_and_again_until_the_world_comes(endpoint):
             worlds.append(zenoh.open(world_session(endpoint).to_zenoh()))
 
     opening.begin(client_session(endpoint))
-    session = opening.wait(lambda: beats.append(None), tell, every_s=0.01)
-    try:
-        assert session is not None
-        assert len(told) >= 3
+    with opening.wait(lambda: beats.append(None), tell, every_s=0.01), worlds[0]:
         assert len(beats) > told[-1] > told[0] >= 1
-    finally:
-        session.close()
-        worlds[0].close()
-
-
-@pytest.mark.usefixtures("_hasty")
-def test_a_wish_to_end_ends_the_waiting_from_another_thread(endpoint):
-    opening = Opening()
-    opening.begin(client_session(endpoint))
-    waits = threading.Event()
-    ender = threading.Thread(target=lambda: (waits.wait(), opening.stop()))
-    ender.start()
-    assert opening.wait(lambda: None, waits.set) is None
-    ender.join()
-
-
-def test_an_endpoint_that_is_none_is_an_error_at_once():
-    with pytest.raises(zenoh.ZError):
-        Opening().begin(client_session("nowhere"))
-
-
-def test_an_opening_that_fails_is_an_error_where_it_is_waited_for(endpoint):
-    opening = Opening()
-    opening.begin(client_session(endpoint, patience_s=0.1))
-    with pytest.raises(zenoh.ZError):
-        opening.wait(lambda: None, lambda: None)

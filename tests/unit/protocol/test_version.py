@@ -1,4 +1,4 @@
-"""What is told of versions."""
+"""The version of the software, from whichever distribution is installed."""
 
 import tomllib
 from importlib.metadata import PackageNotFoundError
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from protocol import version
-from protocol.version import disagreement, software_version
+from protocol.version import software_version
 
 ROOT = Path(__file__).parents[3]
 DISTRIBUTIONS = [
@@ -31,10 +31,3 @@ def test_the_software_is_installed_whole_or_in_part(name: str, monkeypatch: pyte
     assert software_version() == f"version of {name}"
     installed(monkeypatch)
     assert software_version() == "not installed"
-
-
-def test_whoever_is_behind_is_to_be_updated() -> None:
-    assert disagreement("7", 1, 2) == (
-        "robot 7 speaks version 1 of the protocol, the world version 2; update the software of robot 7"
-    )
-    assert disagreement("7", 2, 1).endswith("; update the software of the world")
