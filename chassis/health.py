@@ -16,11 +16,11 @@ from http.server import BaseHTTPRequestHandler
 from socketserver import TCPServer, ThreadingMixIn
 from typing import Any
 
-import structlog
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.exposition import choose_encoder
 
 from chassis.healthy import HOST, LIVE, METRICS, READY
+from chassis.lean import structlog
 from chassis.process import LONGEST_START_S, ServiceManager
 from chassis.refusal import ExitStatus, Refusal
 

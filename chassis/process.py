@@ -13,8 +13,9 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 
-import structlog
 from structlog.typing import EventDict, WrappedLogger
+
+from chassis.lean import structlog
 
 PARENT = "UNSPOKEN_PARENT"
 """Environment variable: the id of the process without which this one is not to live; unset: none."""

@@ -4,11 +4,11 @@ import secrets
 from contextlib import closing
 from typing import Annotated
 
-import structlog
 import typer
 from pydantic import Field
 
 from chassis.health import watch_port
+from chassis.lean import structlog
 from chassis.options import with_options
 from chassis.process import end_with_parent, log_to_journal, on_wish_to_end
 from chassis.refusal import ExitStatus, run, said_by

@@ -19,6 +19,7 @@ from agent.remember.perception import REACQUIRED_AFTER
 from agent.solve import SolverName
 from agent.solve.compiled import FOLDER, is_complete, is_writable, mark_complete, places
 from agent.solve.vehicle import rollout
+from chassis.lean import hidden
 from chassis.refusal import ExitStatus, Refusal
 from protocol.messages import Accuracy, Observation, State
 from protocol.scene import Goal, Horizons, PublicRobot, Scene
@@ -43,11 +44,8 @@ def compile_in_background(unwanted: Callable[[], bool]) -> bool:
 
     Compiling needs much memory, and a thread that compiles cannot be stopped.
 
-    Args:
-        unwanted: asked again and again; ends the wait.
-
     Returns:
-        Whether they are there; False once they are unwanted.
+        Whether they are there; False once they are unwanted, which is asked again and again.
 
     Raises:
         Refusal: they cannot be compiled or kept.
@@ -78,6 +76,7 @@ def compile_in_background(unwanted: Callable[[], bool]) -> bool:
             process.kill()
 
 
+@hidden("scipy.linalg")  # numba loads it for functions that no kernel calls
 def warm_up(goals: GoalsName, solver: SolverName) -> float:
     """Use once all that a robot with this estimator and this solver uses, so that nothing is left to load.
 
@@ -87,13 +86,11 @@ def warm_up(goals: GoalsName, solver: SolverName) -> float:
     begin_s = time.perf_counter()
     scene = Scene(robots=dict.fromkeys(MEETING, PublicRobot()), horizons=HORIZONS, goals=GOALS)
     agent = Agent.of("1", GOALS["1"], scene, goals=goals, solver=solver, clock=time.perf_counter)
-    tracks = {
-        robot: rollout(np.array(state), TURN.repeat(HORIZONS.estimation_steps + 2, axis=0), scene.step_s)
-        for robot, state in MEETING.items()
-    }
+    inputs = TURN.repeat(HORIZONS.estimation_steps + 2, axis=0)
+    ways = [rollout(np.array(state), inputs, scene.step_s).tolist() for state in MEETING.values()]
     seen = [
-        {robot: State.of(*track[step].tolist()) for robot, track in tracks.items()}
-        for step in range(HORIZONS.estimation_steps + 3)
+        {robot: State.of(*at) for robot, at in zip(MEETING, now, strict=True)}
+        for now in zip(*ways, strict=True)
     ]
     seen += REACQUIRED_AFTER * [{**seen[-1], "1": PARKING}]
     for step, states in enumerate(seen):

@@ -24,7 +24,8 @@ OPTIMISATION = 1
 """Of numba's 0 to 3: more costs a quarter more time to compile and makes no kernel faster."""
 _COMPLETE = "complete"
 _WITH_KERNELS = re.compile(rf"^from {re.escape(__name__)} import kernel$", re.MULTILINE)
-_IMPORT = re.compile(r"^from (\S+) import", re.MULTILINE)
+# A class alone is no part of a kernel: those that are, named tuples, stand in modules with kernels.
+_IMPORT = re.compile(r"^from (\S+) import (?![A-Z][a-z]\w*$)", re.MULTILINE)
 _kernels: list[Any] = []
 
 _config: Any = numba.config

@@ -4,10 +4,10 @@ import os
 from datetime import UTC, datetime
 from pathlib import Path
 
-import structlog
 import zenoh
 
 from agent.process.inbox import Inbox
+from chassis.lean import structlog
 from chassis.process import end_with_parent, on_wish_to_end
 from protocol.codec import encode
 from protocol.identity import client_identity

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Protocol
 
-import structlog
 from pydantic import Field
 
+from chassis.lean import structlog
 from chassis.refusal import ExitStatus
 from fleet.inject.fault import Fault, NamedRobotFault, RobotFault, of_kind, schedule
 from protocol.messages import Truth

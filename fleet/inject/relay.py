@@ -11,9 +11,9 @@ from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 
-import structlog
 import zenoh
 
+from chassis.lean import structlog
 from chassis.process import end_with_parent, on_wish_to_end
 from fleet.inject.link import Link
 from fleet.inject.settings import faults_of_this_process

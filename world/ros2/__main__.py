@@ -5,13 +5,13 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Annotated
 
-import structlog
 import typer
 import zenoh
 from structlog.typing import FilteringBoundLogger
 
 from chassis.files import read_as
 from chassis.health import watch_port
+from chassis.lean import structlog
 from chassis.options import with_options
 from chassis.process import end_with_parent, log_to_journal, on_wish_to_end
 from chassis.refusal import ExitStatus, Refusal, run, said_by
