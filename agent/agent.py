@@ -7,10 +7,9 @@ from agent.drive.commands import Driver
 from agent.estimate import GoalsName
 from agent.estimate.goals import known_goal
 from agent.methods import Method, method_of
-from agent.remember.arrivals import Arrivals
 from agent.remember.perception import Perception
 from agent.solve import ITERATIONS, Clock, Deadline, SolverName, joint_solver
-from agent.telemetry import Stopwatch, Telemetry, Thought
+from agent.telemetry import Telemetry, Thought
 from protocol.messages import Command, Mind, Observation
 from protocol.scene import Goal, Scene
 
@@ -44,10 +43,8 @@ class Agent:
         self._robot = robot
         self._scene = scene
         self._method = method
-        self._clock = clock
-        self._arrivals = Arrivals(scene, robot, self.perception.memory)
         self._driver = Driver(scene, robot)
-        self._telemetry = Telemetry(robot)
+        self._telemetry = Telemetry(robot, clock)
 
     @classmethod
     def of(
@@ -88,23 +85,23 @@ class Agent:
         refused = self.perception.take_in(observation, history.driven_before(observation.step))
         if robot not in memory.robots:
             return None
-        watch = Stopwatch(self._clock)
+        self._telemetry.begin()
         deadline.begin()
         previous = history.previous_input(memory)
-        thought = Thought(refused, self._arrivals.has_arrived(self.goal))
+        thought = Thought(refused, self.perception.has_arrived(self.goal))
         if not thought.arrived:
-            with watch.phase("estimate"):  # eq. 6
+            with self._telemetry.phase("estimate"):  # eq. 6
                 thought.goals = estimator.estimate(memory)
-            with watch.phase("predict"):  # eq. 7
+            with self._telemetry.phase("predict"):  # eq. 7
                 shared = (self._scene.goals if estimator.goals_are_shared else None) or {}
-                thought.prediction = predictor.predict(memory, thought.goals, self._arrivals.parked(shared))
+                thought.prediction = predictor.predict(memory, thought.goals, self.perception.parked(shared))
             if thought.prediction.solved:
-                with watch.phase("plan"):  # eq. 1
+                with self._telemetry.phase("plan"):  # eq. 1
                     goal = known_goal(self.goal, memory.state(robot))
                     thought.plan = planner.plan(memory, goal, previous, thought.prediction)
-        command, thought.emergency = self._driver.act(observation, memory, previous, thought)
-        interventions, cut_short_at = self._driver.monitor.interventions, deadline.cut_short_at
-        mind = self._telemetry.mind(observation, memory, thought, interventions, cut_short_at, watch)
+        command = self._driver.act(observation, memory, previous, thought)
+        interventions = self._driver.monitor.interventions
+        mind = self._telemetry.mind(observation, memory, thought, interventions, deadline.cut_short_at)
         return Decision(command, mind)
 
     def withdraw(self) -> None:

@@ -38,18 +38,14 @@ def method_of(name: GoalsName, scene: Scene, robot: str, solver: JointSolver, de
     planner = Planner(scene, robot, solver, deadline)
     if name in ESTIMATORS:
         estimator, predictor = ESTIMATORS[name](scene), Predictor(scene, solver, deadline)
-        return Method(
-            estimator, predictor, JointPlan(robot) if estimator.goals_are_shared else planner, deadline
-        )
-    if name == "constant-acceleration-alone":
-        accelerating = IndependentPredictor(robot, ConstantAcceleration(scene).path)
-        return Method(Unestimated(), accelerating, planner, deadline)
+        joint_or_own = JointPlan(robot) if estimator.goals_are_shared else planner
+        return Method(estimator, predictor, joint_or_own, deadline)
 
     def coasting(memory: Memory, other: str) -> Array:
         no_input = np.zeros((scene.horizons.prediction_steps, 2))
         return rollout(memory.state(other), no_input, scene.step_s)[:, :2]
 
-    at_constant_velocity = IndependentPredictor(robot, coasting)
-    if name == "constant-velocity":
-        return Method(Unestimated(), at_constant_velocity, planner, deadline)
-    return Method(Unestimated(), at_constant_velocity, OrcaPlanner(scene, robot, planner), deadline)
+    accelerates = name == "constant-acceleration-alone"
+    independent = IndependentPredictor(robot, ConstantAcceleration(scene).path if accelerates else coasting)
+    baseline = OrcaPlanner(scene, robot, planner) if name == "orca" else planner
+    return Method(Unestimated(), independent, baseline, deadline)

@@ -1,36 +1,17 @@
 """What a robot reports of each decision: what it thought, how it was degraded, how long it took."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import count
 from typing import get_args
 
 from agent.remember.memory import Memory
+from agent.solve import Clock
 from agent.solve.planning import Plan
 from agent.solve.prediction import Prediction
 from agent.solve.vehicle import Array
 from protocol.messages import Degradation, Mind, Observation, Phase, Positions, State, Timings
-
-
-class Stopwatch:
-    """Milliseconds spent in each phase of one decision, and in the whole of it so far."""
-
-    def __init__(self, clock: Callable[[], float]) -> None:
-        self._clock = clock
-        self._start = clock()
-        self._phases: dict[str, float] = {}
-
-    @contextmanager
-    def phase(self, name: str) -> Iterator[None]:
-        """Time the enclosed work as one phase."""
-        begin = self._clock()
-        yield
-        self._phases[name] = 1e3 * (self._clock() - begin)
-
-    def timings(self) -> Timings:
-        """The phases timed so far; ``decide`` runs from the making of the stopwatch until now."""
-        return Timings(**self._phases, decide=1e3 * (self._clock() - self._start))
 
 
 @dataclass
@@ -57,12 +38,25 @@ class Thought:
 
 
 class Telemetry:
-    """Reports of one robot, and what they count since it joined an epoch."""
+    """Times one robot's decisions and reports on them; counts since it joined an epoch."""
 
-    def __init__(self, robot: str) -> None:
+    def __init__(self, robot: str, clock: Clock) -> None:
         self._robot = robot
+        self._clock = clock
         self._ordinals = count()
         self._solver_failures = 0
+
+    def begin(self) -> None:
+        """A decision begins."""
+        self._begin_s = self._clock()
+        self._phases_ms: dict[str, float] = {}
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        """Time the enclosed work as a phase of the decision."""
+        begin_s = self._clock()
+        yield
+        self._phases_ms[name] = 1e3 * (self._clock() - begin_s)
 
     def mind(
         self,
@@ -71,9 +65,8 @@ class Telemetry:
         thought: Thought,
         interventions: int,
         cut_short_at: int | None,
-        watch: Stopwatch,
     ) -> Mind:
-        """The report of one decision, to be made once; interventions of the monitor are those so far."""
+        """The report of the decision, to be made once; interventions of the monitor are those so far."""
         self._solver_failures += len(thought.failed)
         paths = thought.prediction.paths if thought.prediction else {}
         return Mind(
@@ -90,7 +83,7 @@ class Telemetry:
             degraded=self._degradations(observation, memory, thought),
             interventions=interventions,
             cut_short_at=cut_short_at,
-            timings_ms=watch.timings(),
+            timings_ms=Timings(**self._phases_ms, decide=1e3 * (self._clock() - self._begin_s)),
         )
 
     def _degradations(

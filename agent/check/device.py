@@ -1,6 +1,7 @@
 """The check of a device from its first item to its last, and its short items."""
 
 import ctypes
+import json
 import shutil
 import sys
 import time
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import typer
 
-from agent.check.findings import Finding, as_json, is_ready, verdict
+from agent.check import Finding, is_ready, verdict
 from agent.check.speed import check_speed
 from agent.check.world import check_world
 from agent.process.options import RobotOptions
@@ -30,33 +31,30 @@ _TIME_ERROR = 5
 
 
 def check_device(options: RobotOptions, config: Path | None, *, as_json_text: bool) -> bool:
-    """Print what is found, item by item.
-
-    Args:
-        options: of the robot that this device is to be.
-        config: the file of which some of them are.
-        as_json_text: at the end, as JSON, instead of line by line.
-
-    Returns:
-        Whether this device is ready.
-    """
+    """Print what is found, item by item or at the end as JSON; return whether this device is ready."""
     found: list[Finding] = []
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     for finding in findings(options, config):
         found.append(finding)
         if not as_json_text:
             typer.echo(finding.line(width))
-    typer.echo(as_json(found) if as_json_text else verdict(found))
-    return is_ready(found)
+    ready = is_ready(found)
+    items = [each._asdict() for each in found]
+    content = {"ready": ready, "items": items}
+    typer.echo(json.dumps(content, ensure_ascii=False, indent=2) if as_json_text else verdict(found))
+    return ready
 
 
 def findings(options: RobotOptions, config: Path | None) -> Iterator[Finding]:
-    """All items, those first on which others depend."""
+    """All items, those first on which others depend; options that are not valid have been refused before."""
     now = datetime.now(UTC)
-    yield _configuration(options, config)
+    where = f"from {config}, environment and command line" if config else "no file"
+    robot = f"robot {options.robot} of run {options.run!r}, goals {options.goals}, solver {options.solver}"
+    yield Finding("configuration", "ok", f"{robot}; {where}; {version_text()}")
     credentials, identity = check_credentials(options, now)
     yield credentials
-    yield check_wall_clock(now, _installed_at(), is_synchronised())
+    installed = datetime.fromtimestamp(Path(__file__).stat().st_mtime, UTC)
+    yield check_wall_clock(now, installed, is_synchronised())
     yield check_steady_clock()
     world, scene = check_world(options, identity, proven=credentials.state != "failed")
     yield world
@@ -68,20 +66,8 @@ def findings(options: RobotOptions, config: Path | None) -> Iterator[Finding]:
         yield Finding("decision time", "warning", "not measured, since kernels are missing")
 
 
-def _configuration(options: RobotOptions, config: Path | None) -> Finding:
-    """Options that are not valid have been refused before."""
-    where = f"from {config}, environment and command line" if config else "no file"
-    robot = f"robot {options.robot} of run {options.run!r}, goals {options.goals}, solver {options.solver}"
-    return Finding("configuration", "ok", f"{robot}; {where}; {version_text()}")
-
-
 def check_credentials(options: RobotOptions, now: datetime) -> tuple[Finding, Identity]:
-    """Whether the device can prove that it is this robot; the identity is none where it cannot.
-
-    Args:
-        options: of the robot.
-        now: the time, aware of its zone.
-    """
+    """Whether the device can prove that it is this robot; the identity is none where it cannot."""
     item = "credentials"
     try:
         identity = client_identity(options.robot, options.connect, options.password_file, options.keys, now)
@@ -111,30 +97,16 @@ def is_synchronised() -> bool | None:
     return None if state < 0 else state != _TIME_ERROR
 
 
-def _installed_at() -> datetime:
-    """When the software came to this device, by the time of its files."""
-    return datetime.fromtimestamp(Path(__file__).stat().st_mtime, UTC)
-
-
 def check_wall_clock(now: datetime, installed: datetime, synchronised: bool | None) -> Finding:
-    """Whether the time of day can be right: keys have a time.
-
-    Args:
-        now: as the device has it.
-        installed: it cannot be earlier than that.
-        synchronised: as the kernel has it.
-    """
+    """Whether the time of day can be right: keys have a time. It cannot be that before the installation."""
     item, says = "clock", f"it says {date_text(now)}"
     if now < installed:
         text = f"{says}, which is before this software was installed ({date_text(installed)})"
         return Finding(item, "failed", text, "set the clock")
     if synchronised is False:
-        return Finding(
-            item,
-            "warning",
-            f"{says}, and nothing keeps it right",
-            "let a time service run, such as chrony or systemd-timesyncd: keys are not valid at a wrong time",
-        )
+        services = "chrony or systemd-timesyncd"
+        remedy = f"let a time service run, such as {services}: keys are not valid at a wrong time"
+        return Finding(item, "warning", f"{says}, and nothing keeps it right", remedy)
     if synchronised:
         return Finding(item, "ok", f"synchronised, {says}, as the kernel says")
     return Finding(item, "ok", f"{says}, and the kernel does not tell whether it is kept right")
@@ -155,14 +127,7 @@ def check_steady_clock(
 
 
 def check_kernels(complete: bool, folder: Path, processor: str, places: Iterable[Path]) -> Finding:
-    """Whether all is compiled that a robot on this device needs.
-
-    Args:
-        complete: whether all kernels are in their folder.
-        folder: named after the software and the processor.
-        processor: for people.
-        places: where folders of other software or another processor may lie.
-    """
+    """Whether all that a robot needs is compiled, in its folder; other places may hold what others need."""
     item = "kernels"
     if complete:
         return Finding(item, "ok", f"compiled for this processor ({processor}) in {folder}")

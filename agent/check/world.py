@@ -8,7 +8,7 @@ from contextlib import ExitStack, suppress
 
 import zenoh
 
-from agent.check.findings import Finding
+from agent.check import Finding
 from agent.process.options import RobotOptions
 from agent.process.robot import agent_in, ask_for_scene, make_agent
 from chassis.refusal import Refusal, said_by
@@ -19,38 +19,26 @@ from protocol.scene import Scene
 from protocol.session import client_session, reason_of
 from protocol.version import PROTOCOL_VERSION
 
-LISTENS_S = 3.0
-"""In this time a connection has to come about."""
+PATIENCE_S = 3.0
+"""In this time a connection has to come about, then a session, then an answer."""
 REFUSED_S = 0.5
 """In this time a world that does not believe a certificate says so; it hangs up on silence after 1 s."""
-SESSION_S = 3.0
-"""In this time a session has to come about."""
-ANSWERS_S = 3.0
-"""In this time the world has to answer."""
 PAUSE_S = 0.1
 """Between two questions."""
 _SOCKET = "unixsock-stream/"
 _ADDRESS = re.compile(r"^(?:tcp|tls)/(?P<host>\[[^\]]+\]|[^:\[\]]+):(?P<port>\d{1,5})$")
-_UNREACHED: tuple[tuple[type[OSError], str], ...] = (
-    (socket.gaierror, "this device knows no host of that name; give the world's address in --connect"),
-    (ConnectionRefusedError, "nobody listens there; start the world, or give its endpoint in --connect"),
-    (FileNotFoundError, "nobody listens there; start the world, or give its endpoint in --connect"),
-    (
-        TimeoutError,
-        f"no answer within {LISTENS_S:g} s; look at the network, at firewalls, and whether this is the "
-        "world's address",
-    ),
-)
+_NOBODY = "nobody listens there; start the world, or give its endpoint in --connect"
+_UNREACHED: dict[type[OSError], str] = {
+    socket.gaierror: "this device knows no host of that name; give the world's address in --connect",
+    ConnectionRefusedError: _NOBODY,
+    FileNotFoundError: _NOBODY,
+    TimeoutError: f"no answer within {PATIENCE_S:g} s; look at the network, at firewalls, and whether this "
+    "is the world's address",
+}
 
 
 def look_at(endpoint: str, keys: DeviceKeys | None) -> None:
-    """Connect, by TLS where the endpoint wants it, and hang up.
-
-    An endpoint of another kind is left to Zenoh.
-
-    Args:
-        endpoint: of the world.
-        keys: that prove who this is.
+    """Connect, by TLS where there are keys, and hang up; an endpoint of another kind is left to Zenoh.
 
     Raises:
         Refusal: nobody listens, or one side does not believe the other's certificate.
@@ -70,15 +58,15 @@ def _connection(address: tuple[str, int] | str) -> socket.socket:
     """To a host and port, or to a socket in the file system."""
     try:
         if isinstance(address, tuple):
-            return socket.create_connection(address, LISTENS_S)
+            return socket.create_connection(address, PATIENCE_S)
         with ExitStack() as stack:
             connection = stack.enter_context(socket.socket(socket.AF_UNIX))
-            connection.settimeout(LISTENS_S)
+            connection.settimeout(PATIENCE_S)
             connection.connect(address)
             stack.pop_all()
             return connection
     except (OSError, OverflowError) as error:
-        for kind, sentence in _UNREACHED:
+        for kind, sentence in _UNREACHED.items():
             if isinstance(error, kind):
                 raise Refusal(sentence) from None
         reason = getattr(error, "strerror", None) or str(error)
@@ -113,10 +101,7 @@ def _shake_hands(connection: socket.socket, host: str, keys: DeviceKeys) -> None
 def check_world(options: RobotOptions, identity: Identity, *, proven: bool) -> tuple[Finding, Scene | None]:
     """Ask the world for its scene, and nothing else: no presence, no interest, no command.
 
-    Args:
-        options: of the robot.
-        identity: that proves who this is.
-        proven: whether the credentials can be used; without them only the listener is looked for.
+    Where the credentials are not ``proven``, only somebody who listens is looked for.
     """
     item, connect = "world", options.connect
     try:
@@ -142,7 +127,7 @@ def check_world(options: RobotOptions, identity: Identity, *, proven: bool) -> t
 
 def _session(options: RobotOptions, identity: Identity) -> zenoh.Session:
     try:
-        config = client_session(options.connect, identity, SESSION_S).to_zenoh()
+        config = client_session(options.connect, identity, PATIENCE_S).to_zenoh()
     except zenoh.ZError as error:
         raise Refusal(
             f"the endpoint {options.connect} cannot be used: {reason_of(error)}; one such as "
@@ -162,7 +147,7 @@ def _session(options: RobotOptions, identity: Identity) -> zenoh.Session:
 def _scene(options: RobotOptions, session: zenoh.Session) -> Scene:
     """A world that was started just now answers a moment after it can be reached."""
     connect, run, robot = options.connect, options.run, options.robot
-    until_s = time.monotonic() + ANSWERS_S
+    until_s = time.monotonic() + PATIENCE_S
     while (remaining_s := until_s - time.monotonic()) > 0.0:
         try:
             public = ask_for_scene(session, Keys(run), robot, remaining_s)

@@ -1,7 +1,6 @@
 """A robot's commands: how they follow from its plan, and what it has driven by them."""
 
 from collections import deque
-from typing import NamedTuple
 
 from agent.drive.safety import CollisionMonitor, Vigilance
 from agent.remember.memory import Memory
@@ -17,13 +16,6 @@ SAME = 1e-6
 """Relative to the limit, inputs that differ by no more are the same."""
 DOUBTFUL = 3
 """So many of the last commands may have come too late without anything that showed it."""
-
-
-class Action(NamedTuple):
-    """What a robot does at a step, and why it does not follow its plan."""
-
-    command: Command
-    emergency: Degradation | None
 
 
 class Driver:
@@ -42,39 +34,42 @@ class Driver:
         self.monitor = CollisionMonitor(scene, robot)
         self.history = CommandHistory(robot, self._limits, scene.step_s)
 
-    def act(self, observation: Observation, memory: Memory, previous: Input, thought: Thought) -> Action:
-        """The command that answers an observation, after the previous input and by what was thought of it."""
+    def act(self, observation: Observation, memory: Memory, previous: Input, thought: Thought) -> Command:
+        """The command that answers an observation, after the previous input and by what was thought of it.
+
+        Where the plan is not to be followed, the thought is told why.
+        """
         self.monitor.watch(memory, thought.prediction, observation.accuracy)
-        self._vigilance.look(memory, observation.age_steps)
+        is_blind = self._vigilance.is_blind(memory, observation.age_steps)
         speed_mps = float(memory.state(self._robot)[3])
-        control, then, emergency = self._inputs(memory, previous, speed_mps, thought)
+        inputs, thought.emergency = self._inputs(memory, previous, speed_mps, thought, is_blind)
         command = Command(
             epoch=observation.epoch,
             robot=self._robot,
             step=observation.step,
-            turn_rate_radps=control.turn_rate_radps,
-            acceleration_mps2=control.acceleration_mps2,
-            then=then,
+            turn_rate_radps=inputs[0].turn_rate_radps,
+            acceleration_mps2=inputs[0].acceleration_mps2,
+            then=inputs[1] if len(inputs) > 1 else None,
         )
         self.history.add(command, speed_mps)
-        return Action(command, emergency)
+        return command
 
     def _inputs(
-        self, memory: Memory, previous: Input, speed_mps: float, thought: Thought
-    ) -> tuple[Input, Input | None, Degradation | None]:
-        """The input of this step; where there is a plan, that of the next one; and why it is not followed."""
+        self, memory: Memory, previous: Input, speed_mps: float, thought: Thought, is_blind: bool
+    ) -> tuple[list[Input], Degradation | None]:
+        """The input of this step and, of a plan, that of the next one; and why the plan is not followed."""
         limits, step_s, plan = self._limits, self._step_s, thought.plan
-        braking = braking_input(limits, previous, speed_mps, step_s)
+        braking = [braking_input(limits, previous, speed_mps, step_s)]
         if thought.arrived:
-            return braking, None, None
-        if self._vigilance.is_blind(memory):
-            return braking, None, "controlled stop"
+            return braking, None
+        if is_blind:
+            return braking, "controlled stop"
         if plan is None or not plan.solved:
-            return failure_input(limits, previous, speed_mps, step_s), None, "solver failure"
-        first, *then = planned_inputs(plan, limits, previous, speed_mps, step_s)
-        if self.monitor.must_brake(memory, plan, first, previous):
-            return braking, None, "intervention"
-        return first, then[0] if then else None, None
+            return [failure_input(limits, previous, speed_mps, step_s)], "solver failure"
+        inputs = planned_inputs(plan, limits, previous, speed_mps, step_s)
+        if self.monitor.must_brake(memory, plan, inputs[0], previous):
+            return braking, "intervention"
+        return inputs, None
 
 
 def planned_inputs(

@@ -71,11 +71,7 @@ class CollisionMonitor:
     def must_brake(self, memory: Memory, plan: Plan, first: Input, previous: Input) -> bool:
         """Whether to brake now instead of following the plan; counts when that begins.
 
-        Args:
-            memory: present states of everybody.
-            plan: what the robot means to drive.
-            first: the input that would be driven of it at this step.
-            previous: the input of the step before.
+        ``first`` would be driven of the plan at this step, after the previous input.
         """
         since = memory.step - DOUBTED_STEPS
         doubted = [robot for robot in memory.robots if self._departed.get(robot, -math.inf) >= since]
@@ -134,19 +130,19 @@ class Vigilance:
         self._last: dict[str, tuple[int, Array]] = {}
         """Of everybody seen lately, the step and the state."""
 
-    def look(self, memory: Memory, age_steps: int = 0) -> None:
-        """Take in who was seen, once a step; in a view of an age, who was seen so long ago is seen."""
+    def is_blind(self, memory: Memory, age_steps: int = 0) -> bool:
+        """Whether somebody not seen for long could be in the way, so that the robot has to stop.
+
+        To be asked once a step. In a view of an age, who was seen so long ago is seen.
+        """
         step = memory.step
         for robot in memory.robots:
             if robot != self._robot:
                 seen_step = min(step, step - memory.unseen_steps(robot) + age_steps)
                 self._last[robot] = seen_step, memory.state(robot).copy()
         self._last = {robot: last for robot, last in self._last.items() if step - last[0] <= GONE_STEPS}
-
-    def is_blind(self, memory: Memory) -> bool:
-        """Whether somebody that was not seen for long could be in the way: then the robot has to stop."""
         return any(
-            memory.step - seen_step > BLIND_STEPS and self._could_meet(memory, robot, state)
+            step - seen_step > BLIND_STEPS and self._could_meet(memory, robot, state)
             for robot, (seen_step, state) in self._last.items()
         )
 

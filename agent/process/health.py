@@ -18,16 +18,14 @@ LONGEST_QUIET_S = 10.0
 PHASES = ("estimate", "predict", "plan", "decide")
 """Of a decision; the last one is the whole of it."""
 
+_Metric = tuple[Callable[..., Metric], str, str, Values, *tuple[str, ...]]
+"""Its kind, name, meaning, values, and the label of these, if there are several."""
+
 
 class RobotHealth(VitalSigns):
     """Kept by the process about the algorithm, which knows nothing of it; collected as metrics.
 
     All counts are since the start of the process; those in a mind since the robot joined its world.
-
-    Args:
-        robot: its id.
-        goal: its own.
-        now_s: a monotonic clock.
     """
 
     def __init__(self, robot: str, goal: Goal, now_s: Callable[[], float] = time.monotonic) -> None:
@@ -83,69 +81,47 @@ class RobotHealth(VitalSigns):
 
     def collect(self) -> Iterator[Metric]:
         """The metrics with their present values."""
-        mind, ready = self._mind, self.why_not_ready() is None
-        yield _gauge("ready", "Whether it is part of a world and decisions come.", ready)
         yield from self._phases.collect()
-        yield _counter("late_decisions", "Decisions that came too late to be given.", self.late)
-        yield _counter("withheld_commands", "Observations that it could not decide on.", self.withheld)
-        yield _counter(
-            "cut_short_decisions", "Decisions whose improvement ended with the time budget.", self._cut_short
-        )
-        yield _counter("refused_messages", "Observations that were not valid.", self.refused)
+        for kind, name, meaning, values, *labels in self._metrics():
+            yield kind(f"unspoken_agent_{name}", meaning, values, *labels)
+
+    def _metrics(self) -> Iterator[_Metric]:
+        ready, mind, observation = self.why_not_ready() is None, self._mind, self._observation
+        yield gauge, "ready", "Whether it is part of a world and decisions come.", ready
+        yield counter, "late_decisions", "Decisions that came too late to be given.", self.late
+        yield counter, "withheld_commands", "Observations that it could not decide on.", self.withheld
+        cut_short = "Decisions whose improvement ended with the time budget."
+        yield counter, "cut_short_decisions", cut_short, self._cut_short
+        yield counter, "refused_messages", "Observations that were not valid.", self.refused
         states = get_args(Degradation)
         now = {state: mind is not None and state in mind.degraded for state in states}
-        yield _gauge("degraded", "Whether the last decision was degraded in this way.", now, "state")
+        yield gauge, "degraded", "Whether the last decision was degraded in this way.", now, "state"
         so_far = {state: self._degraded[state] for state in states}
-        yield _counter("degraded_decisions", "Decisions that were degraded in this way.", so_far, "state")
-        if mind is not None:
-            yield from self._of_mind(mind)
-        if (observation := self._observation) is not None:
-            age_s = self.now_s() - self._observed_s
-            yield _gauge("observation_age_seconds", "Time since an observation was taken last.", age_s)
-            yield _gauge(
-                "view_age_steps", "How many steps old the others are in the last one.", observation.age_steps
-            )
-            yield _gauge(
-                "robots_seen", "Robots in the last observation, itself included.", len(observation.robots)
-            )
-
-    def _of_mind(self, mind: Mind) -> Iterator[Metric]:
-        """Its own goal is the only one that it knows: there it sees how good the estimates are."""
-        yield _gauge("step", "Step of the last decision.", mind.step)
-        yield _gauge("arrived", "Whether it is at its goal.", mind.arrived)
-        yield _counter("decisions", "Decisions since it joined its world.", mind.decision + 1)
-        yield _counter(
-            "solver_failures", "Problems not solved since it joined its world.", mind.solver_failures
-        )
-        yield _counter(
-            "interventions",
-            "How often the collision monitor has begun to brake since it joined its world.",
-            mind.interventions,
-        )
-        if own := mind.estimates.get(self._robot):
-            error_m = math.dist((own.x_m, own.y_m), (self._goal.x_m, self._goal.y_m))
-            yield _gauge(
-                "own_goal_error_meters",
-                "How far its goal is from where the others would estimate it.",
-                error_m,
-            )
-        mind_before = self._mind_before
-        before = mind_before.estimates if mind_before is not None else {}
-        yield _gauge(
-            "estimate_change_meters",
-            "How far the estimated goal of a robot has moved with the last decision.",
-            {
-                robot: math.dist((now.x_m, now.y_m), (before[robot].x_m, before[robot].y_m))
-                for robot, now in mind.estimates.items()
-                if robot in before
-            },
-            "robot",
-        )
-
-
-def _gauge(name: str, meaning: str, values: Values, *labels: str) -> Metric:
-    return gauge(f"unspoken_agent_{name}", meaning, values, *labels)
-
-
-def _counter(name: str, meaning: str, values: Values, *labels: str) -> Metric:
-    return counter(f"unspoken_agent_{name}", meaning, values, *labels)
+        yield counter, "degraded_decisions", "Decisions that were degraded in this way.", so_far, "state"
+        if observation is not None:
+            age_s, robots = self.now_s() - self._observed_s, len(observation.robots)
+            yield gauge, "observation_age_seconds", "Time since an observation was taken last.", age_s
+            view_age = "How many steps old the others are in the last one."
+            yield gauge, "view_age_steps", view_age, observation.age_steps
+            yield gauge, "robots_seen", "Robots in the last observation, itself included.", robots
+        if mind is None:
+            return
+        yield gauge, "step", "Step of the last decision.", mind.step
+        yield gauge, "arrived", "Whether it is at its goal.", mind.arrived
+        yield counter, "decisions", "Decisions since it joined its world.", mind.decision + 1
+        failures = "Problems not solved since it joined its world."
+        yield counter, "solver_failures", failures, mind.solver_failures
+        interventions = "How often the collision monitor has begun to brake since it joined its world."
+        yield counter, "interventions", interventions, mind.interventions
+        if own := mind.estimates.get(self._robot):  # its own goal is the only one that it knows
+            off_m = math.dist((own.x_m, own.y_m), (self._goal.x_m, self._goal.y_m))
+            error = "How far its goal is from where the others would estimate it."
+            yield gauge, "own_goal_error_meters", error, off_m
+        before = self._mind_before.estimates if self._mind_before else {}
+        moved_m = {
+            robot: math.dist((goal.x_m, goal.y_m), (before[robot].x_m, before[robot].y_m))
+            for robot, goal in mind.estimates.items()
+            if robot in before
+        }
+        change = "How far the estimated goal of a robot has moved with the last decision."
+        yield gauge, "estimate_change_meters", change, moved_m, "robot"

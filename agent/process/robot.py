@@ -1,22 +1,23 @@
 """The thin shell around the core: poses come in over Zenoh, minds and commands go out."""
 
+import math
 import time
 from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Protocol
 
-import structlog
 import typer
 import zenoh
 
 from agent.agent import Agent, Decision
 from agent.process.health import RobotHealth
-from agent.process.inbox import Inbox, LateDecisions
+from agent.process.inbox import Inbox
 from agent.process.options import RobotOptions
 from agent.process.warm import compile_in_background, warm_up
 from agent.solve import Deadline
 from agent.solve.compiled import forbid_compiling
 from chassis.health import watch_port
+from chassis.lean import structlog
 from chassis.process import end_with_parent, log_to_journal, on_wish_to_end
 from chassis.refusal import ExitStatus, Refusal, said_by
 from protocol.codec import MessageError, OtherVersionError, decode, encode
@@ -31,6 +32,8 @@ SCENE_TIMEOUT_S = 1.0
 """After this time without an answer the scene is asked for again."""
 SCENE_PAUSE_S = 0.1
 """Between two questions: a world can be reached a moment before it answers."""
+LATE_EVERY_S = 5.0
+"""The log tells of a late decision at once, but not of one in each step."""
 
 
 class Decides(Protocol):
@@ -69,10 +72,6 @@ def make_agent(options: RobotOptions, scene: Scene) -> Agent:
 def run_robot(options: RobotOptions, make_agent: MakeAgent = make_agent) -> None:
     """Be one robot, in this process, until SIGINT or SIGTERM.
 
-    Args:
-        options: of its command line.
-        make_agent: makes its mind.
-
     Raises:
         Refusal: it cannot go on; the sentence begins with its name.
     """
@@ -101,14 +100,7 @@ def run_robot(options: RobotOptions, make_agent: MakeAgent = make_agent) -> None
 
 
 class RobotProcess:
-    """One robot on the bus, until it is stopped; worlds may come and go meanwhile.
-
-    Args:
-        options: of its command line.
-        identity: proves its name to the world.
-        make_agent: makes its mind from these options and the scene of a world.
-        health: where it reports how it is.
-    """
+    """One robot on the bus, until it is stopped; worlds may come and go meanwhile."""
 
     def __init__(
         self, options: RobotOptions, identity: Identity, make_agent: MakeAgent, health: RobotHealth
@@ -121,8 +113,10 @@ class RobotProcess:
         self._log = structlog.get_logger("agent").bind(robot=options.robot)
         self._inbox = Inbox(self._log)
         self._opening = Opening()
+        self._agent: Decides | None = None
+        self._epoch: int | None = None
         self._stopped = False
-        self._late = LateDecisions(self._log)
+        self._told_late_s = -math.inf
 
     def stop(self) -> None:
         """End :meth:`run` soon; may be called from any thread."""
@@ -144,7 +138,7 @@ class RobotProcess:
         if session is None:
             return
         with session:
-            agent, epoch = self._join(session, None, None)
+            self._join(session)
             _poses = session.declare_subscriber(
                 self._keys.pose(self._options.robot),
                 lambda sample: self._inbox.store(sample.payload.to_bytes()),
@@ -152,44 +146,47 @@ class RobotProcess:
             # Presence comes last: it lets the world publish step 0.
             _presence = session.liveliness().declare_token(self._keys.alive(self._options.robot))
             while (news := self._inbox.next(self._beat)) is not None:
-                if isinstance(news, OtherVersionError):  # the world may be another one now
-                    agent, epoch = self._join(session, agent, epoch)
-                    continue
-                if news.epoch != epoch:
-                    agent, epoch = self._join(session, agent, epoch)
-                if agent is not None and news.epoch == epoch:
-                    self._answer(session, agent, news)
+                # After a message in another version of the protocol the world may be another one.
+                if isinstance(news, OtherVersionError) or news.epoch != self._epoch:
+                    self._join(session)
+                if self._agent and isinstance(news, Observation) and news.epoch == self._epoch:
+                    self._answer(session, self._agent, news)
             self._health.ends()
-        self._log.info("stopped", late_decisions=self._late.count)
+        self._log.info("stopped", late_decisions=self._health.late)
 
     def _connect(self) -> zenoh.Session | None:
-        """The session, once the world is there and this robot is ready; None if stopped before."""
-        self._log.info("waiting for the world", connect=self._options.connect, run=self._options.run)
-        self._opening.begin(client_session(self._options.connect, self._identity))
+        """The session, once the world is there and this robot is ready; None if stopped before.
+
+        Everything is compiled and loaded by then: later, there is no time for it.
+        """
+        connect = self._options.connect
+        self._log.info("waiting for the world", connect=connect, run=self._options.run)
+        self._opening.begin(client_session(connect, self._identity))
         self._health.wants("it loads the solver, or compiles it")
         self._health.beat()
-        self._get_ready()
-        self._health.wants(f"it waits for a world at {self._options.connect}")
-        return self._opening.wait(self._health.beat, self._log_absence)
-
-    def _log_absence(self) -> None:
-        self._log.warning(
-            "still waiting: there is no world at this endpoint, or it refuses this robot",
-            connect=self._options.connect,
-            proves_itself_by=_proof(self._identity),
-        )
-
-    def _get_ready(self) -> None:
-        """Have everything compiled and loaded: later, there is no time for it."""
         if compile_in_background(unwanted=self._is_stopped):
             duration_s = warm_up(self._options.goals, self._options.solver)
             forbid_compiling()
             self._log.info("ready to decide", loaded_in_s=round(duration_s, 2))
+        self._health.wants(f"it waits for a world at {connect}")
+        return self._opening.wait(self._health.beat, self._log_absence)
 
-    def _join(
-        self, session: zenoh.Session, agent: Decides | None, epoch: int | None
-    ) -> tuple[Decides | None, int | None]:
-        """Begin anew with the scene of the present world, and with its epoch; neither if stopped before.
+    def _log_absence(self) -> None:
+        match self._identity:
+            case None:
+                proof = "nothing"
+            case Login():
+                proof = "password"
+            case keys:
+                proof = f"keys in {keys.folder}"
+        self._log.warning(
+            "still waiting: there is no world at this endpoint, or it refuses this robot",
+            connect=self._options.connect,
+            proves_itself_by=proof,
+        )
+
+    def _join(self, session: zenoh.Session) -> None:
+        """Begin anew with the scene of the present world, unless stopped before.
 
         Where the world is still that of the present epoch, only a pose was wrong, and nothing begins anew.
         """
@@ -198,13 +195,12 @@ class RobotProcess:
             if public is None:
                 time.sleep(SCENE_PAUSE_S)
                 continue
-            if public.epoch == epoch:
-                return agent, epoch
-            self._log.info("joined", epoch=public.epoch, robots=len(public.scene.robots))
-            mind = agent_in(public.scene, self._options, self._make_agent)
-            self._health.joined(len(public.scene.robots))
-            return mind, public.epoch
-        return None, None
+            if public.epoch != self._epoch:
+                self._log.info("joined", epoch=public.epoch, robots=len(public.scene.robots))
+                self._agent = agent_in(public.scene, self._options, self._make_agent)
+                self._epoch = public.epoch
+                self._health.joined(len(public.scene.robots))
+            return
 
     def _beat(self) -> None:
         """A sign of life, by the loop itself."""
@@ -222,33 +218,30 @@ class RobotProcess:
         The mind goes first, so that it is recorded before the step can end. It goes even when it is too late
         for the command: the record is to show what took so long.
         """
-        self._health.observed(observation)
+
+        def put(key: str, message: Message) -> None:
+            # Unlike poses, of which the latest counts, these are not to be lost where a reader is slow.
+            session.put(key, encode(message), **NEVER_DROP)
+
+        robot, step, health = self._options.robot, observation.step, self._health
+        health.observed(observation)
         decision = agent.decide(observation)
         if decision is None:
-            self._health.withheld += 1
-            nothing = Command.withheld_at(observation.epoch, self._options.robot, observation.step)
-            self._put(session, self._keys.command(self._options.robot), nothing)
+            health.withheld += 1
+            put(self._keys.command(robot), Command.withheld_at(observation.epoch, robot, step))
             return
-        self._health.decided(decision.mind)
-        self._put(session, self._keys.mind(self._options.robot), decision.mind)
-        if self._inbox.has_news():
-            agent.withdraw()
-            self._late.add(observation.step)
-            self._health.late = self._late.count
+        health.decided(decision.mind)
+        put(self._keys.mind(robot), decision.mind)
+        if not self._inbox.has_news():
+            put(self._keys.command(robot), decision.command)
         else:
-            self._put(session, self._keys.command(self._options.robot), decision.command)
+            agent.withdraw()
+            health.late += 1
+            if health.now_s() - self._told_late_s >= LATE_EVERY_S:
+                self._log.warning("decided too late", step=step, so_far=health.late)
+                self._told_late_s = health.now_s()
         if decision.mind.failed:
-            self._log.warning("not solved", step=observation.step, phases=decision.mind.failed)
-
-    def _put(self, session: zenoh.Session, key: str, message: Message) -> None:
-        """Unlike poses, of which the latest counts, these are not to be lost where a reader is slow."""
-        session.put(key, encode(message), **NEVER_DROP)
-
-
-def _proof(identity: Identity) -> str:
-    if identity is None:
-        return "nothing"
-    return "password" if isinstance(identity, Login) else f"keys in {identity.folder}"
+            self._log.warning("not solved", step=step, phases=decision.mind.failed)
 
 
 def ask_for_scene(session: zenoh.Session, keys: Keys, robot: str, timeout_s: float) -> PublicScene | None:

@@ -166,10 +166,14 @@ class Memory:
             return False
         self.step = step
         accuracy = np.array(sigmas, dtype=float)
-        for robot, state in seen.items():
-            own = robot == self._owner
-            seen_step = step if own else step - age_steps
-            self._see(robot, seen_step, np.array(state, dtype=float), accuracy, driven if own else None)
+        for robot, values in seen.items():
+            own, state = robot == self._owner, np.array(values, dtype=float)
+            seen_step, track = step if own else step - age_steps, self._tracks.get(robot)
+            if track is None or seen_step - track.seen_step - 1 > LONGEST_GAP:
+                limits = self._limits_of(robot)
+                self._tracks[robot] = Track(seen_step, state, accuracy, limits, self._step_s)
+            elif seen_step > track.seen_step:
+                track.see(seen_step, state, accuracy, driven if own else None)
         for robot, track in list(self._tracks.items()):
             age = 0 if robot == self._owner else age_steps
             if step - age - track.seen_step > LONGEST_GAP:
@@ -177,13 +181,6 @@ class Memory:
             else:
                 track.go_on(step, self._window)
         return True
-
-    def _see(self, robot: str, step: int, state: Array, sigmas: Array, driven: Input | None) -> None:
-        track = self._tracks.get(robot)
-        if track is None or step - track.seen_step - 1 > LONGEST_GAP:
-            self._tracks[robot] = Track(step, state, sigmas, self._limits_of(robot), self._step_s)
-        elif step > track.seen_step:
-            track.see(step, state, sigmas, driven)
 
     def forget(self, robot: str) -> None:
         """What was seen of a robot so far does not count any more."""

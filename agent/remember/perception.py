@@ -1,7 +1,7 @@
-"""Of what was observed, what is believed: the kinematic gate, and dead reckoning where it refuses."""
+"""Of what was observed, what is believed: kinematic gate, dead reckoning where it refuses, and arrivals."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -9,8 +9,8 @@ import numpy as np
 from agent.remember.memory import LONGEST_GAP, Memory
 from agent.solve.vehicle import rollout
 from protocol.messages import Accuracy, Observation, State
-from protocol.scene import Scene
-from protocol.vehicle import Input, Limits
+from protocol.scene import Goal, Scene
+from protocol.vehicle import Input, Limits, has_arrived
 
 MARGIN_M = 0.1
 """By how much a position may be off what the limits allow: no vehicle is driven in exact Euler steps."""
@@ -19,7 +19,6 @@ MARGIN_MPS = 0.1
 SIGMAS = 5.0
 REACQUIRED_AFTER = 3
 """So many sightings in a row that fit one another are believed, although they do not fit those before."""
-
 
 Judgement = Literal["believed", "refused", "reacquired"]
 """Of a sighting: it follows from those before it; it does not; or it begins anew, after several refused ones
@@ -38,10 +37,6 @@ class Gate:
     moves as fast as it says. A sighting that breaks this is refused: a jump, or a place held at speed. After
     ``REACQUIRED_AFTER`` refused ones in a row that fit one another, the last one is believed, as where the
     robot now is. Only who has not been seen for ``LONGEST_GAP`` steps, believed or not, is believed at once.
-
-    Args:
-        step_s: Δt in s.
-        limits_of: limits of each robot.
     """
 
     def __init__(self, step_s: float, limits_of: Callable[[str], Limits]) -> None:
@@ -51,14 +46,7 @@ class Gate:
         self._refused: dict[str, list[_Sighting]] = {}
 
     def judge(self, robot: str, step: int, state: State, accuracy: Accuracy) -> Judgement:
-        """What to make of a sighting; each is judged once.
-
-        Args:
-            robot: which one.
-            step: at which it was in this state.
-            state: as measured.
-            accuracy: of the measurement.
-        """
+        """What to make of a robot's state as measured at a step; each sighting is judged once."""
         sighting = _Sighting(step, state)
         last, refused = self._believed.get(robot), self._refused.setdefault(robot, [])
         if last is not None and step <= last.step:
@@ -111,7 +99,11 @@ class Gate:
 
 
 class Perception:
-    """Takes observations into a robot's memory: through the gate, and by dead reckoning where it must.
+    """Takes observations into a robot's memory, through the gate and by dead reckoning where it must.
+
+    From memory it judges who has arrived. Whoever was seen to arrive without noise has arrived for good, and
+    stays parked in the way of the others; under noise it may only have looked like that, and counts as long
+    as it does.
 
     Attributes:
         memory: what it believes of everybody.
@@ -120,6 +112,9 @@ class Perception:
     def __init__(self, scene: Scene, robot: str) -> None:
         self._robot = robot
         self._step_s = scene.step_s
+        self._tolerance = scene.arrival_tolerance
+        self._reached: Goal | None = None
+        self._parked: set[str] = set()
 
         def limits_of(each: str) -> Limits:
             return scene.robot(each).limits
@@ -128,13 +123,29 @@ class Perception:
         self._gate = Gate(scene.step_s, limits_of)
         self.memory = Memory(window, scene.step_s, owner=robot, limits_of=limits_of)
 
+    def has_arrived(self, goal: Goal) -> bool:
+        """Whether this robot is, or exactly seen was, at its goal."""
+        for_good = self._reached == goal and self.memory.is_exact(self._robot)
+        arrived = for_good or self._is_at(goal, self._robot)
+        self._reached = goal if arrived else None
+        return arrived
+
+    def parked(self, goals: Mapping[str, Goal]) -> set[str]:
+        """Those of the other robots that have arrived at these goals."""
+        present = set(self.memory.robots)
+        self._parked -= {robot for robot in present if not self.memory.is_exact(robot)}
+        others = present & goals.keys() - {self._robot}
+        self._parked |= {robot for robot in others if self._is_at(goals[robot], robot)}
+        return self._parked & present
+
+    def _is_at(self, goal: Goal, robot: str) -> bool:
+        return has_arrived(self.memory.state(robot).tolist(), goal.as_state(), self._tolerance)
+
     def take_in(self, observation: Observation, driven: Input | None) -> set[str]:
         """Remember what is believed of an observation; one not newer than the last one changes nothing.
 
-        Args:
-            observation: of a step.
-            driven: the robot's own input at the step before, if it is known. With it, a robot whose own pose
-                is not believed takes itself to be where it should be by what it has driven.
+        With its own input at the step before, where that is known, a robot whose own pose is not believed
+        takes itself to be where it should be by what it has driven.
 
         Returns:
             The robots whose sightings are not believed.

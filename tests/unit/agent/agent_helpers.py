@@ -12,6 +12,7 @@ import numpy as np
 from agent.agent import Agent
 from agent.estimate import GoalsName
 from agent.methods import method_of
+from agent.process.options import RobotOptions
 from agent.remember.memory import Memory
 from agent.solve import ITERATIONS, Clock, Deadline, joint_solver
 from agent.solve.multistart import cold_starts
@@ -163,3 +164,9 @@ def seen(
             for robot, (x, y, heading, speed) in states.items()
         },
     )
+
+
+def device(connect: str = "tcp/127.0.0.1:7447", **changes: Any) -> RobotOptions:
+    """Options of a device to check: that of robot 1 unless said otherwise."""
+    goal = Goal(x_m=4.0, y_m=0.0, heading_rad=0.0)
+    return RobotOptions(**{"robot": "1", "goal": goal, "goals": "ioc", **changes}, connect=connect)
