@@ -30,7 +30,7 @@ def test_a_device_is_checked_while_its_robot_drives(process, endpoint, told, tmp
     world = process("world", "world", "--scenario", endless(tmp_path / "endless.yaml", 1), *options)
     robot = process("robot", "agent", env={"UNSPOKEN_CONFIG": told})
     world.tells("all robots present")
-    device = (sys.executable, "-c", "from agent.entry import main; main()")
+    device = (sys.executable, "-c", "from agent import main; main()")
     check = process("check", "agent", "--config", told, "--check", "--json", program=device)
     status, found = check.end(), json.loads(check.told)
     assert check.complained == ""

@@ -10,14 +10,15 @@ from markdown_it import MarkdownIt
 
 import agent.check.device
 from agent.__main__ import main
-from agent.check.findings import Finding
+from agent.check import Finding
 from agent.check.speed import DECISIONS, TIGHT
 from agent.process.options import FileOptions, RobotOptions, options_in
 from chassis.refusal import app_of
 from protocol.identity import SOON
 from protocol.scene import MAX_ROBOTS, Goal
 
-PAGE = Path(__file__).parents[2] / "docs" / "agent.md"
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = (DOCS / "agent.md").read_text(encoding="utf-8")
 COMMAND = typer.main.get_command(app_of(main))
 OPTIONS = {parameter.opts[0]: parameter for parameter in COMMAND.params if parameter.name != "help"}
 NONE = {"–", "none", "required"}
@@ -25,22 +26,9 @@ NONE = {"–", "none", "required"}
 
 def rows(head: str) -> list[list[str]]:
     """The cells of the table whose first column has this head, row by row."""
-    tokens = MarkdownIt().enable("table").parse(PAGE.read_text(encoding="utf-8"))
-    cells: list[list[str]] = []
-    found = False
-    for token in tokens:
-        if token.type == "table_open":
-            cells = []
-        elif token.type == "tr_open":
-            cells.append([])
-        elif token.type == "inline" and cells:
-            cells[-1].append(token.content)
-        elif token.type == "table_close":
-            found = cells[0][0] == head
-            if found:
-                break
-    assert found, head
-    return cells[1:]
+    table = re.search(rf"^\| {head} .*\n(?:\|.*\n)+", PAGE, re.MULTILINE)
+    assert table, head
+    return [[cell.strip() for cell in row.split("|")[1:-1]] for row in table[0].splitlines()[2:]]
 
 
 def code(cell: str) -> str | None:
@@ -48,34 +36,33 @@ def code(cell: str) -> str | None:
     return None if cell in NONE else re.fullmatch("`([^`]+)`", cell)[1]  # type: ignore[index]
 
 
-def test_the_table_has_every_option_once() -> None:
-    named = [code(row[0]) for row in rows("option")]
-    assert len(named) == len(set(named))
-    assert set(named) == set(OPTIONS)
+def test_the_table_says_of_every_option_what_is_so() -> None:
+    assert sorted(code(row[0]) or "" for row in rows("option")) == sorted(OPTIONS)
+    for name, environment, in_file, default, _ in rows("option"):
+        parameter = OPTIONS[code(name) or ""]
+        assert code(environment) == parameter.envvar
+        assert code(in_file) == (parameter.name if parameter.name in FileOptions.model_fields else None)
+        assert (default == "required") == parameter.required
+        if parameter.name not in ("check", "json"):
+            assert code(default) == (None if parameter.default is None else str(parameter.default))
 
 
-@pytest.mark.parametrize("row", rows("option"), ids=lambda row: row[0])
-def test_the_table_says_of_each_option_what_is_so(row: list[str]) -> None:
-    name, environment, in_file, default, _ = row
-    parameter = OPTIONS[code(name) or ""]
-    assert code(environment) == parameter.envvar
-    assert code(in_file) == (parameter.name if parameter.name in FileOptions.model_fields else None)
-    assert (default == "required") == parameter.required
-    if parameter.name not in ("check", "json"):
-        assert code(default) == (None if parameter.default is None else str(parameter.default))
-
-
-def test_every_name_in_the_file_is_in_the_table() -> None:
-    assert {code(row[2]) for row in rows("option")} - {None} == set(FileOptions.model_fields)
-
-
-def test_the_example_can_be_used(tmp_path: Path) -> None:
-    tokens = MarkdownIt().parse(PAGE.read_text(encoding="utf-8"))
+@pytest.mark.parametrize("page", ["agent.md", "deploy.md"])
+def test_the_example_of_a_file_can_be_used(page: str, tmp_path: Path) -> None:
+    tokens = MarkdownIt().parse((DOCS / page).read_text(encoding="utf-8"))
     [example] = [token.content for token in tokens if token.type == "fence" and token.info == "yaml"]
     path = tmp_path / "agent.yaml"
     path.write_text(example, encoding="utf-8")
     path.chmod(0o600)
     assert options_in(path).keys() == yaml.safe_load(example).keys()
+
+
+def test_what_the_page_on_deployment_has_a_device_do_can_be_done_there() -> None:
+    """That its options exist is checked of all pages."""
+    page = (DOCS / "deploy.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"^/opt/unspoken/bin/unspoken (\S+)", page, re.MULTILINE)) == {"agent"}
+    assert set(re.findall(r"(?<= )\./(\S+)$", page, re.MULTILINE)) == {"deploy/agent"}
+    assert (DOCS.parent / "deploy" / "agent" / "pyproject.toml").exists()
 
 
 def test_the_check_has_these_items_in_this_order(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,8 +79,7 @@ def test_the_check_has_these_items_in_this_order(monkeypatch: pytest.MonkeyPatch
 
 
 def test_the_numbers_on_the_page_are_those_of_the_check() -> None:
-    page = PAGE.read_text(encoding="utf-8")
-    assert f"up to {DECISIONS} decisions" in page
-    assert f"more than {100 * TIGHT:.0f} % of it" in page
-    assert f"{SOON.days} days before they expire" in page
-    assert f"1 to {MAX_ROBOTS}" in page
+    assert f"up to {DECISIONS} decisions" in PAGE
+    assert f"more than {100 * TIGHT:.0f} % of it" in PAGE
+    assert f"{SOON.days} days before they expire" in PAGE
+    assert f"1 to {MAX_ROBOTS}" in PAGE

@@ -3,7 +3,9 @@
 import ast
 import sys
 import tomllib
+from functools import cache
 from importlib.metadata import packages_distributions, requires, version
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -53,8 +55,12 @@ def installed_with(requirements):
     return found
 
 
-def distributions_imported_by(package):
-    """Installed distributions whose modules a package imports directly."""
+DISTRIBUTIONS = packages_distributions()
+
+
+@cache
+def modules_imported_by(package):
+    """Top-level modules that a package imports directly."""
     names = set()
     for path in (ROOT / package).rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
@@ -62,9 +68,14 @@ def distributions_imported_by(package):
                 names |= {alias.name.partition(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom):
                 names.add(node.module.partition(".")[0])
-    distributions = packages_distributions()
+    return names
+
+
+def imported_by(packages):
+    """Installed distributions that some packages import directly."""
+    names = set().union(*map(modules_imported_by, packages))
     outside = names - sys.stdlib_module_names - set(PACKAGES)
-    return {canonicalize_name(distributions[name][0]) for name in outside}
+    return {canonicalize_name(DISTRIBUTIONS[name][0]) for name in outside} - PART_OF_ANOTHER
 
 
 def test_every_installed_dependency_is_pinned_to_its_version_and_nothing_else_is():
@@ -72,33 +83,22 @@ def test_every_installed_dependency_is_pinned_to_its_version_and_nothing_else_is
     assert pinned == {name: f"=={found}" for name, found in installed_with(NEEDED_TO_TEST).items()}
 
 
-def test_pins_name_no_place_to_download_from():
-    assert not any(requirement.url for requirement in pins().values())
-    assert "://" not in (ROOT / "constraints.txt").read_text()
-
-
-def test_the_pinned_versions_are_ones_that_the_project_accepts():
+def test_the_pinned_versions_are_ones_that_the_project_accepts_and_name_no_place_to_download_from():
     for requirement in map(Requirement, NEEDED_TO_TEST):
         pinned = pins()[canonicalize_name(requirement.name)]
         assert requirement.specifier.contains(str(pinned.specifier).removeprefix("==")), requirement
+    assert "://" not in (ROOT / "constraints.txt").read_text()
 
 
-@pytest.mark.parametrize("requirement", NEEDED_TO_TEST)
-def test_every_dependency_says_why_it_is_wanted(requirement):
-    (line,) = [line for line in PYPROJECT.splitlines() if f'"{requirement}"' in line]
-    _, _, reason = line.partition("#")
-    assert reason.strip(), line
+def test_every_dependency_says_why_it_is_wanted():
+    for requirement in NEEDED_TO_TEST:
+        (line,) = [line for line in PYPROJECT.splitlines() if f'"{requirement}"' in line]
+        assert line.partition("#")[2].strip(), line
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_every_imported_distribution_is_declared(package):
+def test_what_is_imported_is_declared_and_what_is_declared_is_imported():
     declared = {canonicalize_name(Requirement(text).name) for text in WITH_EXTRAS}
-    assert distributions_imported_by(package) <= declared | PART_OF_ANOTHER
-
-
-def test_every_declared_dependency_is_imported():
-    imported = set().union(*map(distributions_imported_by, PACKAGES))
-    assert {canonicalize_name(Requirement(text).name) for text in WITH_EXTRAS} <= imported
+    assert declared == imported_by(PACKAGES)
 
 
 def own_distribution(folder):
@@ -112,12 +112,9 @@ def test_a_distribution_of_its_own_needs_what_its_packages_import_in_the_version
     folder, packages
 ):
     project, _ = own_distribution(folder)
-    optional = [text for extra in project.get("optional-dependencies", {}).values() for text in extra]
-    assert {*project["dependencies"], *optional} <= set(WITH_EXTRAS)
-    imported = set().union(*map(distributions_imported_by, packages)) - PART_OF_ANOTHER
-    assert {
-        canonicalize_name(Requirement(text).name) for text in [*project["dependencies"], *optional]
-    } == imported
+    needed = {*project["dependencies"], *chain(*project.get("optional-dependencies", {}).values())}
+    assert needed <= set(WITH_EXTRAS)
+    assert {canonicalize_name(Requirement(text).name) for text in needed} == imported_by(packages)
 
 
 @pytest.mark.parametrize(("folder", "packages"), OWN_DISTRIBUTIONS.items())

@@ -23,10 +23,10 @@ class Interrupted(ModuleType):
 def test_ctrl_c_during_the_imports_ends_quietly(
     package: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    main = import_module(f"{package}.entry").main
+    entry = {"agent": "agent", "fleet": "fleet.entry"}[package]
     monkeypatch.setitem(sys.modules, f"{package}.cli", Interrupted("cli"))
     with pytest.raises(SystemExit) as ended:
-        main()
+        import_module(entry).main()
     assert ended.value.code == 1
     assert capsys.readouterr() == ("", "")
 

@@ -21,12 +21,6 @@ def driven(*inputs: tuple[float, float], previous: Input = STANDSTILL, speed_mps
     return planned_inputs(plan, Limits(), previous, speed_mps, STEP_S)
 
 
-def test_a_plan_within_the_limits_is_driven_as_it_is_two_steps_of_it_at_most():
-    plan = [(0.03, -0.5), (0.05, 0.1), (0.1, 0.3)]
-    assert driven(*plan) == plan[:2]
-    assert driven(plan[0]) == plan[:1]
-
-
 @given(inside, inside, inside, wanted, wanted)
 def test_what_is_driven_can_be_reached_and_keeps_the_speed_limit(held, rate, share, first, second):
     previous = Input(1.57 * held, 3.0 * rate)
@@ -44,6 +38,8 @@ def test_what_is_driven_can_be_reached_and_keeps_the_speed_limit(held, rate, sha
 @pytest.mark.parametrize(
     ("plan", "previous", "speed_mps", "expected"),
     [
+        # Within the limits, a plan is driven as it is, two steps of it at most.
+        ([(0.03, -0.5), (0.05, 0.1), (0.1, 0.3)], STANDSTILL, 1.0, [(0.03, -0.5), (0.05, 0.1)]),
         # A speed that was observed with noise is left as fast as can be reached.
         ([(0.0, 0.0)], STANDSTILL, 4.8, [(0.0, -0.7)]),
         # The tolerance of a solver leads no rounding error beyond the speed limit.
@@ -62,7 +58,6 @@ def test_what_cannot_be_driven_is_brought_to_what_can(plan, previous, speed_mps,
 @pytest.mark.parametrize(
     ("speed_mps", "previous", "expected"),
     [
-        (2.0, Input(0.0, 0.0), (-0.05, -0.7)),
         (0.0, Input(0.0, 0.0), (-0.05, -0.7)),
         (-0.1, Input(0.0, 0.0), (0.05, 0.7)),
         (2.0, Input(0.3, -1.0), (0.25, -1.7)),

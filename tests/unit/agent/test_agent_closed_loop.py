@@ -58,7 +58,7 @@ def noisy_crossing() -> tuple[Truth, list[Mind]]:
         ("exchanged", "realtime"),
         ("ioc", "realtime"),
         ("constant-acceleration", "realtime"),
-        ("exchanged", "reference"),
+        pytest.param("exchanged", "reference", marks=pytest.mark.slow),
         pytest.param("ioc", "reference", marks=pytest.mark.slow),
         pytest.param("constant-acceleration", "reference", marks=pytest.mark.slow),
     ],
@@ -72,13 +72,6 @@ def test_two_robots_cross_and_park_without_one_command_beyond_the_limits(goals, 
         assert robot.clipped_commands == robot.deadline_misses == 0
         # The shortest way is 8 m.
         assert 7.8 < robot.driven_m < 10.0
-
-
-def test_fifteen_steps_on_inverse_optimal_control_takes_over_from_the_simple_model():
-    """Until then, both runs are the same."""
-    (_, inverse), (_, simple) = (crossing(goals, steps=17) for goals in ("ioc", "constant-acceleration"))
-    same = [one.estimates == other.estimates for one, other in zip(inverse, simple, strict=True)]
-    assert same == [True] * 30 + [False] * 4, "two robots a step"
 
 
 def test_noise_and_dropouts_are_lived_with():

@@ -24,11 +24,10 @@ GOALS = {"a": AHEAD, "b": Goal(x_m=0.5, y_m=4.0, heading_rad=math.pi / 2)}
 
 @pytest.fixture
 def solver() -> Watched:
-    return Watched("reference")
+    return Watched()
 
 
 def robot_a(goal: Goal = AHEAD, **how: Any) -> Agent:
-    how = {"solver": "reference", **how}
     return agent_of(goal, scene_of("ab", goals=GOALS if how.get("goals") == "exchanged" else None), **how)
 
 
@@ -74,7 +73,13 @@ def test_with_exchanged_goals_the_joint_prediction_is_the_plan(solver):
 
 
 def test_it_predicts_itself_with_its_estimated_goal_and_plans_with_the_true_one(solver):
-    """The others see a robot that drives straight ahead; only the ego knows that it will turn left."""
+    """The others see a robot that drives straight ahead; only the ego knows that it will turn left.
+
+    Whatever its true goal, it is thought of in the same way.
+    """
+    ahead, left = (decided(robot_a(goal), 0, {"a": A, "b": B}).mind for goal in (AHEAD, LEFT))
+    assert (ahead.estimates, ahead.prediction) == (left.estimates, left.prediction)
+    assert ahead.plan != left.plan
     mind = decided(robot_a(LEFT, solver=solver), 0, {"a": A, "b": (9.0, -9.0, 0.0, 0.0)}).mind
     predicting, planning = solver.asked[0][0], solver.asked[-1][0]
     estimate = mind.estimates["a"]
@@ -83,32 +88,15 @@ def test_it_predicts_itself_with_its_estimated_goal_and_plans_with_the_true_one(
     assert estimate.y_m == pytest.approx(0.0, abs=1e-9)
     np.testing.assert_allclose(planning.goals, [[-3.0, 4.0, math.pi / 2, 0.0]])
     predicted, planned = np.array(mind.prediction["a"]), np.array(mind.plan)
-    np.testing.assert_allclose(predicted[:, 1], 0.0, atol=1e-6)
+    np.testing.assert_allclose(predicted[:, 1], 0.0, atol=1e-4)
     assert planned[-1, 1] > 1.5
     np.testing.assert_allclose(planning.obstacles[0], mind.prediction["b"])
-
-
-def test_what_others_are_told_to_want_does_not_depend_on_the_true_goal():
-    ahead, left = (decided(robot_a(goal), 0, {"a": A, "b": B}).mind for goal in (AHEAD, LEFT))
-    assert ahead.estimates == left.estimates
-    assert ahead.prediction == left.prediction
-    assert ahead.plan != left.plan
 
 
 def test_the_goal_heading_is_approached_the_shorter_way_round(solver):
     goal = Goal(x_m=-9.0, y_m=0.0, heading_rad=-3.0)
     decided(robot_a(goal, solver=solver), 0, {"a": (-4.0, 0.0, 3.0, 1.0), "b": B})
     assert solver.asked[-1][0].goals[0, 2] == pytest.approx(math.tau - 3.0)
-
-
-def test_without_a_plan_nothing_is_said_for_the_step_after(solver):
-    there = robot_a(Goal(x_m=A[0], y_m=A[1], heading_rad=0.0))
-    parked = decided(there, 0, {"a": (*A[:3], 0.0), "b": B})
-    assert parked.mind.arrived
-    assert parked.command.then is None
-    for failing in ("predict", "plan"):
-        solver.fails = {failing}
-        assert decided(robot_a(solver=solver), 0, {"a": A, "b": B}).command.then is None
 
 
 @pytest.mark.parametrize("failing", ["predict", "plan"])
@@ -119,6 +107,7 @@ def test_failures_are_counted_and_answered_by_the_rule(solver, failing):
     then = tuple(euler(A, [first.command.input])[-1])
     second = decided(agent, 1, {"a": then, "b": B})
     assert (first.mind.failed, first.mind.solver_failures) == ((failing,), 1)
+    assert (first.mind.degraded, first.command.then) == (("solver failure",), None)
     assert (second.mind.failed, second.mind.solver_failures) == ((failing,), 2)
     assert first.command.input == pytest.approx((-0.05, -0.7))
     assert second.command.input == pytest.approx((-0.1, -1.4))
@@ -127,6 +116,7 @@ def test_failures_are_counted_and_answered_by_the_rule(solver, failing):
     solver.fails = set()
     recovered = decided(agent, 2, {"a": A, "b": B})
     assert (recovered.mind.failed, recovered.mind.solver_failures) == ((), 2)
+    assert "solver failure" not in recovered.mind.degraded
 
 
 def test_repeated_old_and_blind_observations_are_not_answered():

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from agent_helpers import EPOCH, NEVER, euler, scene_of, seen
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from agent.agent import Agent
@@ -68,6 +68,7 @@ def is_told_in_time(course: list[str]) -> bool:
     return True
 
 
+@settings(max_examples=50)
 @given(st.one_of(COURSES).filter(is_told_in_time), st.integers(0, 2**32))
 @example(["in time", "asleep", "late", "asleep", "asleep", "late"], 339930498).via("seems to stand, asleep")
 def test_it_knows_what_the_world_drove_however_often_it_was_late_or_asleep(course, seed):

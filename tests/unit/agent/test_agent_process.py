@@ -1,6 +1,7 @@
 """The shell of a robot on real sessions inside the test's own process, about an agent that can be slow."""
 
 import threading
+from contextlib import contextmanager
 from queue import SimpleQueue
 
 import zenoh
@@ -23,35 +24,22 @@ KEYS = Keys("run")
 
 
 class Slow:
-    """Stands for the agent: where it is given the world, the next pose comes in during its first decision."""
+    """Stands for the agent: given the world, the next pose comes in during its first two decisions."""
 
-    def __init__(self, world=None):
-        self._world = world
+    def __init__(self):
+        self.world = None
         self.answered, self.withdrawn = [], []
 
     def decide(self, observation):
         step = observation.step
-        if self._world and not self.answered:
-            self._world.show(step + 1)
-            self._world.wait_until_stored(step + 1)
+        if self.world and len(self.answered) < 2:
+            self.world.show(step + 1)
+            self.world.wait_until_stored(step + 1)
         self.answered.append(step)
-        return Decision(
-            Command(epoch=EPOCH, robot="a", step=step, turn_rate_radps=0.0, acceleration_mps2=0.0),
-            Mind(
-                epoch=EPOCH,
-                robot="a",
-                step=step,
-                decision=step,
-                arrived=False,
-                estimates={},
-                prediction={},
-                plan=(),
-                failed=(),
-                solver_failures=0,
-                cut_short_at=None,
-                timings_ms=Timings(),
-            ),
-        )
+        command = Command(epoch=EPOCH, robot="a", step=step, turn_rate_radps=0.0, acceleration_mps2=0.0)
+        nothing = {"arrived": False, "estimates": {}, "prediction": {}, "plan": (), "failed": ()}
+        counts = {"decision": step, "solver_failures": 0, "cut_short_at": None, "timings_ms": Timings()}
+        return Decision(command, Mind(epoch=EPOCH, robot="a", step=step, **nothing, **counts))
 
     def withdraw(self):
         self.withdrawn.append(self.answered[-1])
@@ -97,47 +85,42 @@ class World:
             pass
 
 
-def robot_of(endpoint, make_agent):
+@contextmanager
+def driving(endpoint, monkeypatch, make_agent):
+    """A world, and robot a in it on a thread of its own."""
+    monkeypatch.setattr("agent.process.robot.compile_in_background", lambda **_: False)
     goal = Goal(x_m=4.0, y_m=0.0, heading_rad=0.0)
     options = RobotOptions(robot="a", goal=goal, connect=endpoint, run=KEYS.run)
-    return RobotProcess(options, None, make_agent, RobotHealth("a", goal))
+    with zenoh.open(world_session(endpoint).to_zenoh()) as session:
+        world = World(session, monkeypatch)
+        robot = RobotProcess(options, None, make_agent, RobotHealth("a", goal))
+        runs = threading.Thread(target=robot.run)
+        runs.start()
+        assert world.present.wait(PATIENCE_S)
+        yield world
+        robot.stop()
+        runs.join()
 
 
 def test_a_decision_that_a_newer_pose_has_overtaken_is_thought_but_not_commanded(endpoint, monkeypatch):
-    with zenoh.open(world_session(endpoint).to_zenoh()) as session, capture_logs() as log:
-        world = World(session, monkeypatch)
-        slow = Slow(world)
-        monkeypatch.setattr("agent.process.robot.compile_in_background", lambda **_: False)
-        robot = robot_of(endpoint, lambda *_: slow)
-        runs = threading.Thread(target=robot.run)
-        runs.start()
-        assert world.present.wait(PATIENCE_S)
+    slow = Slow()
+    with capture_logs() as log, driving(endpoint, monkeypatch, lambda *_: slow) as world:
+        slow.world = world
         world.show(0)
-        said = [world.said.get(timeout=PATIENCE_S) for _ in range(3)]
-        robot.stop()
-        runs.join()
-    assert said == [(Mind, 0), (Mind, 1), (Command, 1)]
-    assert (slow.answered, slow.withdrawn) == ([0, 1], [0])
-    told = [(entry["event"], entry.get("late_decisions")) for entry in log]
-    assert ("decided too late", None) in told
-    assert told[-1] == ("stopped", 1)
+        said = [world.said.get(timeout=PATIENCE_S) for _ in range(4)]
+    assert said == [(Mind, 0), (Mind, 1), (Mind, 2), (Command, 2)]
+    assert (slow.answered, slow.withdrawn) == ([0, 1, 2], [0, 1])
+    assert [entry["so_far"] for entry in log if entry["event"] == "decided too late"] == [1]
+    assert (log[-1]["event"], log[-1]["late_decisions"]) == ("stopped", 2)
 
 
 def test_a_pose_of_another_epoch_does_not_make_a_robot_forget(endpoint, monkeypatch):
-    with zenoh.open(world_session(endpoint).to_zenoh()) as session:
-        world, made = World(session, monkeypatch), []
-        monkeypatch.setattr("agent.process.robot.compile_in_background", lambda **_: False)
-        robot = robot_of(endpoint, lambda *_: made.append(Slow()) or made[-1])
-        runs = threading.Thread(target=robot.run)
-        runs.start()
-        assert world.present.wait(PATIENCE_S)
-        said = []
+    made, said = [], []
+    with driving(endpoint, monkeypatch, lambda *_: made.append(Slow()) or made[-1]) as world:
         for step, epoch in ((0, EPOCH), (1, EPOCH + 1), (2, EPOCH)):
             world.show(step, epoch)
             world.wait_until_stored(step)
             if epoch == EPOCH:
                 said += [world.said.get(timeout=PATIENCE_S) for _ in range(2)]
-        robot.stop()
-        runs.join()
     assert said == [(Mind, 0), (Command, 0), (Mind, 2), (Command, 2)]
     assert [agent.answered for agent in made] == [[0, 2]]

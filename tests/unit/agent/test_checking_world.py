@@ -3,14 +3,12 @@
 import socket
 from contextlib import closing, contextmanager
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 import msgpack
 import pytest
 import structlog
 import zenoh
-from agent_helpers import EPOCH, scene_of
-from checking_helpers import device
+from agent_helpers import EPOCH, device, scene_of
 
 from agent.check import world as reach
 from agent.check.device import check_credentials
@@ -32,9 +30,7 @@ ROBOTS = ("1", "2")
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch):
     """Refusals are silence, which is waited for."""
-    monkeypatch.setattr(reach, "SESSION_S", 1.0)
-    monkeypatch.setattr(reach, "ANSWERS_S", 1.0)
-    monkeypatch.setattr(reach, "LISTENS_S", 1.0)
+    monkeypatch.setattr(reach, "PATIENCE_S", 1.0)
 
 
 @pytest.fixture
@@ -90,17 +86,17 @@ def refused(one):
     return finding.found
 
 
-def test_nobody_listens(port, tmp_path):
-    assert "nobody listens there; start the world" in refused(device(f"tcp/127.0.0.1:{port}"))
-    assert "nobody listens there" in refused(device(f"unixsock-stream/{tmp_path}/none"))
-
-
-def test_a_host_of_no_such_name():
-    assert "knows no host of that name" in refused(device("tcp/no-such-world.invalid:7447"))
-
-
-def test_an_endpoint_that_is_none():
-    assert "the endpoint the hall cannot be used" in refused(device("the hall"))
+@pytest.mark.parametrize(
+    ("connect", "words"),
+    [
+        ("tcp/127.0.0.1:{port}", "nobody listens there; start the world"),
+        ("unixsock-stream/{folder}/none", "nobody listens there; start the world"),
+        ("tcp/no-such-world.invalid:7447", "knows no host of that name"),
+        ("the hall", "the endpoint the hall cannot be used"),
+    ],
+)
+def test_an_endpoint_at_which_there_is_nobody(connect, words, port, tmp_path):
+    assert words in refused(device(connect.format(port=port, folder=tmp_path)))
 
 
 def test_whoever_listens_may_be_no_world():
@@ -110,59 +106,59 @@ def test_whoever_listens_may_be_no_world():
     assert "refused, or that is no world" in told
 
 
-@pytest.fixture
-def with_passwords(tmp_path, port):
-    users = {"1": "right", "2": "other", "9": "stranger", "@bench": "bench"}
-    write_users(tmp_path / "users", users)
-    for name, password in {**users, "wrong": "wrong"}.items():
-        write_password(tmp_path / name, password)
-    receive_on_threads(8)
-    with world(f"tcp/127.0.0.1:{port}", users=tmp_path / "users"):
-        yield lambda password, **changes: device(
-            f"tcp/127.0.0.1:{port}", password_file=tmp_path / password, **changes
-        )
-
-
-def test_a_password_opens_the_world_or_does_not(with_passwords):
-    assert checked(with_passwords("1"))[0].state == "ok"
-    assert "does not let robot 1 in with the password" in refused(with_passwords("wrong"))
-
-
-def test_under_a_policy_a_robot_or_run_that_it_does_not_name_is_told_nothing(with_passwords):
-    assert "its run is not 'hall'" in refused(with_passwords("1", run="hall"))
-    assert "grants nothing to a robot '9'" in refused(with_passwords("9", robot="9"))
-
-
-def test_a_password_that_cannot_be_read_leaves_the_world_unasked(with_passwords):
-    finding, _ = checked(with_passwords("none"))
-    assert finding.state == "warning"
-    assert "somebody listens" in finding.found
-
-
-def test_a_robot_or_estimator_that_does_not_fit_the_scene(port):
-    endpoint = f"tcp/127.0.0.1:{port}"
-    with world(endpoint):
-        assert "has no robot '7'; its robots are 1, 2" in refused(device(endpoint, robot="7"))
-        assert "goals" in refused(device(endpoint, goals="exchanged"))
+def test_a_robot_an_estimator_or_tls_that_does_not_fit_the_world(port, authority, tmp_path):
+    keys = keys_of("1", tmp_path, authority)
+    with world(f"tcp/127.0.0.1:{port}"):
+        for one, words in (
+            (device(f"tcp/127.0.0.1:{port}", robot="7"), "has no robot '7'; its robots are 1, 2"),
+            (device(f"tcp/127.0.0.1:{port}", goals="exchanged"), "goals"),
+            (device(f"tls/127.0.0.1:{port}", keys=keys), "TLS refused there"),
+        ):
+            assert words in refused(one)
 
 
 def test_a_world_of_another_version(port, monkeypatch):
     endpoint = f"tcp/127.0.0.1:{port}"
     monkeypatch.setattr("world.bus.encode", lambda _: msgpack.packb({"schema_version": 2}))
     with world(endpoint):
-        told = refused(device(endpoint))
-    assert told == disagreement("1", 1, 2)
+        assert refused(device(endpoint)) == disagreement("1", 1, 2)
 
 
-def test_keys_open_a_world_of_the_same_authority(port, authority, tmp_path):
-    endpoint = f"tls/127.0.0.1:{port}"
-    own, foreign = (
-        keys_of("1", tmp_path / "own", authority),
-        keys_of("1", tmp_path / "other", Authority.new(NOW, 90)),
-    )
+def test_under_a_policy_passwords_open_the_world_to_the_robots_that_it_names(tmp_path, port):
+    users = {"1": "right", "2": "other", "9": "stranger", "@bench": "bench"}
+    write_users(tmp_path / "users", users)
+    for name, password in {**users, "wrong": "wrong"}.items():
+        write_password(tmp_path / name, password)
+    receive_on_threads(8)
+
+    def found(password, **changes):
+        one = device(f"tcp/127.0.0.1:{port}", password_file=tmp_path / password, **changes)
+        finding, _ = checked(one)
+        return finding.state, finding.found
+
+    with world(f"tcp/127.0.0.1:{port}", users=tmp_path / "users"):
+        for (state, told), expected, words in (
+            (found("1"), "ok", "run 'run'"),
+            (found("wrong"), "failed", "does not let robot 1 in with the password"),
+            (found("1", run="hall"), "failed", "its run is not 'hall'"),
+            (found("9", robot="9"), "failed", "grants nothing to a robot '9'"),
+            (found("none"), "warning", "somebody listens"),  # a file that cannot be read
+        ):
+            assert state == expected
+            assert words in told
+
+
+def test_keys_open_a_world_of_the_same_authority_at_a_host_that_it_names(port, authority, tmp_path):
+    endpoint, foreign = f"tls/127.0.0.1:{port}", Authority.new(NOW, 90)
+    own, other = keys_of("1", tmp_path / "own", authority), keys_of("1", tmp_path / "other", foreign)
     with world(endpoint, keys=keys_of(WORLD_NAME, tmp_path, authority)):
         assert checked(device(endpoint, keys=own))[0].state == "ok"
-        assert "TLS refused here" in refused(device(endpoint, keys=foreign))
+        assert "TLS refused here" in refused(device(endpoint, keys=other))
+    elsewhere = tmp_path / "elsewhere"
+    with world(endpoint, keys=keys_of(WORLD_NAME, elsewhere, authority, "world.local")):
+        told = refused(device(endpoint, keys=own))
+    assert "TLS refused here" in told
+    assert "--host" in told
 
 
 def test_a_world_that_does_not_believe_this_device_is_told_apart(port, authority, tmp_path):
@@ -177,46 +173,25 @@ def test_a_world_that_does_not_believe_this_device_is_told_apart(port, authority
         assert "TLS refused there" in refused(device(endpoint, keys=own))
 
 
-def test_a_world_at_a_host_that_its_certificate_does_not_name(port, authority, tmp_path):
-    own = keys_of("1", tmp_path, authority)
-    with world(f"tls/127.0.0.1:{port}", keys=keys_of(WORLD_NAME, tmp_path, authority, "world.local")):
-        told = refused(device(f"tls/127.0.0.1:{port}", keys=own))
-    assert "TLS refused here" in told
-    assert "--host" in told
-
-
-def test_a_world_without_tls(port, authority, tmp_path):
-    with world(f"tcp/127.0.0.1:{port}"):
-        assert "TLS refused there" in refused(
-            device(f"tls/127.0.0.1:{port}", keys=keys_of("1", tmp_path, authority))
-        )
-
-
-def credentials(one, now=NOW):
-    return check_credentials(one, now)[0]
-
-
-def test_keys_are_of_this_robot_private_and_last_for_some_time(authority, tmp_path):
-    endpoint = "tls/world.local:7447"
-    folder = keys_of("1", tmp_path, authority)
-    assert credentials(device(endpoint, keys=folder)).state == "ok"
-    soon = credentials(device(endpoint, keys=folder), NOW + timedelta(days=20))
-    assert (soon.state, "renew them" in soon.remedy) == ("warning", True)
-    assert "expired on" in credentials(device(endpoint, keys=folder), NOW + timedelta(days=40)).found
-    early = credentials(device(endpoint, keys=folder), NOW - timedelta(days=40))
-    assert (early.state, "set the clock" in early.found) == ("failed", True)
-    assert "those of robot 2 are expected" in credentials(device(endpoint, keys=folder, robot="2")).found
-    (folder / "key.pem").chmod(0o644)
-    told = credentials(device(endpoint, keys=folder))
-    assert (told.state, "chmod 600" in told.found) == ("failed", True)
-
-
-def test_a_password_is_private_and_stays_on_this_machine(tmp_path):
-    write_password(tmp_path / "one", "right")
-    path: Path = tmp_path / "one"
-    assert credentials(device("tcp/127.0.0.1:7447", password_file=path)).state == "ok"
-    far = credentials(device("tcp/192.0.2.1:7447", password_file=path))
-    assert (far.state, "nothing is encrypted" in far.found) == ("warning", True)
-    path.chmod(0o644)
-    assert "chmod 600" in credentials(device("tcp/127.0.0.1:7447", password_file=path)).found
-    assert credentials(device("tcp/127.0.0.1:7447")).found.startswith("none, for a world on this machine")
+@pytest.mark.parametrize(
+    ("proof", "host", "days", "state", "words"),
+    [
+        ("keys", "world.local", 0, "ok", "valid until"),
+        ("keys", "world.local", 20, "warning", "renew them"),
+        ("keys", "world.local", 40, "failed", "expired on"),
+        ("password_file", "127.0.0.1", 0, "ok", "password in"),
+        ("password_file", "192.0.2.1", 0, "warning", "nothing is encrypted"),
+        (None, "127.0.0.1", 0, "ok", "none, for a world on this machine"),
+    ],
+)
+def test_credentials_prove_the_robot_and_are_not_given_away(
+    proof, host, days, state, words, authority, tmp_path
+):
+    """What makes them invalid is tested with them."""
+    write_password(tmp_path / "password", "right")
+    proofs = {"keys": keys_of("1", tmp_path, authority), "password_file": tmp_path / "password"}
+    scheme = "tls" if proof == "keys" else "tcp"
+    one = device(f"{scheme}/{host}:7447", **({proof: proofs[proof]} if proof else {}))
+    finding, _ = check_credentials(one, NOW + timedelta(days=days))
+    assert finding.state == state
+    assert words in finding.found + finding.remedy

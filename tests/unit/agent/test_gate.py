@@ -73,6 +73,7 @@ def measured(states: Sequence[State], accuracy: Accuracy, seed: int) -> list[Sta
     ]
 
 
+@settings(max_examples=50)
 @given(
     DRIVES,
     st.floats(-LIMITS.speed_mps, LIMITS.speed_mps),
@@ -95,7 +96,7 @@ def test_the_tightest_turn_at_top_speed_is_believed(gap, forwards):
     assert {by.judge("a", step, states[step], EXACT) for step in range(0, 91, gap)} == {BELIEVED}
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(
     st.lists(HELD, min_size=8, max_size=8),
     st.floats(0.0, 0.2),
@@ -120,7 +121,7 @@ def test_noise_of_the_told_accuracy_is_hardly_ever_refused(held, position_m, hea
         state(1.0, heading_rad=0.4),
         state(1.0, heading_rad=-math.pi),
     ],
-    ids=["ahead", "aside", "too much faster", "backwards at once", "turned too far", "turned round"],
+    ids=["ahead", "aside", "much faster", "backwards at once", "turned too far", "turned round"],
 )
 def test_what_no_vehicle_can_do_in_a_step_is_refused(told):
     by = watching()
@@ -182,10 +183,3 @@ def test_neither_an_old_view_nor_one_after_a_long_gap_is_a_jump():
     assert by.judge("a", 5, straight(5), EXACT) == BELIEVED
     assert watching().judge("a", 4 + LONGEST_GAP, state(50.0), EXACT) == REFUSED
     assert watching().judge("a", 4 + LONGEST_GAP + 1, state(50.0), EXACT) == BELIEVED
-
-
-def test_each_robot_is_judged_by_its_own_sightings():
-    by = watching()
-    assert by.judge("b", 5, state(50.0), EXACT) == BELIEVED
-    assert by.judge("a", 5, straight(5), EXACT) == BELIEVED
-    assert by.judge("b", 6, straight(6), EXACT) == REFUSED

@@ -52,18 +52,10 @@ def test_positions_ahead_are_those_of_robots_that_go_on_or_slow_down_until_they_
         left -= STEP_S * less
         inputs.append((turn_rate, -math.copysign(less, speed)))
     begin = (3.0, -1.0, heading, speed)
-    way = positions_ahead(np.array([begin]), np.array([turn_rate]), np.array([slowing]), 61, STEP_S)
-    assert way.shape == (1, 61, 2)
-    np.testing.assert_allclose(way[0], euler(begin, inputs)[:, :2], atol=1e-9)
-
-
-def test_each_robot_goes_its_own_way_ahead():
-    states = np.array([(0.0, 0.0, 0.0, 1.0), (5.0, 5.0, math.pi / 2, 2.0)])
-    turns, slowing = np.array([0.5, 0.0]), np.array([0.0, 1.0])
-    both = positions_ahead(states, turns, slowing, 9, STEP_S)
-    for one in (slice(0, 1), slice(1, 2)):
-        alone = positions_ahead(states[one], turns[one], slowing[one], 9, STEP_S)
-        np.testing.assert_array_equal(both[one], alone)
+    both, turns, losses = np.array([begin, (5.0, 5.0, 1.0, 2.0)]), np.array([turn_rate, 0.5]), [slowing, 1.0]
+    ways = positions_ahead(both, turns, np.array(losses), 61, STEP_S)
+    assert ways.shape == (2, 61, 2)
+    np.testing.assert_allclose(ways[0], euler(begin, inputs)[:, :2], atol=1e-9)
 
 
 def test_gaps_are_the_smallest_distances_at_the_same_step_less_what_must_be_kept():

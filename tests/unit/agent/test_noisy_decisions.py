@@ -4,7 +4,6 @@ import math
 from typing import Any
 
 import numpy as np
-import pytest
 from agent_helpers import agent_of, euler, scene_of, seen
 
 from agent.agent import Agent, Decision
@@ -43,12 +42,6 @@ def test_who_was_misled_into_believing_that_it_has_arrived_goes_on():
     assert arrived[-1]
 
 
-def test_who_has_seen_without_noise_that_it_has_arrived_has_arrived_for_good():
-    agent = robot_a()
-    assert decided(agent, 0, (-0.05, 0.0, 0.0, 0.0), PARKED).mind.arrived
-    assert decided(agent, 1, BESIDE, PARKED).mind.arrived
-
-
 def test_the_commands_that_it_gave_tell_a_robot_where_it_is():
     """Of twenty noisy views each; nothing but its own commands tells its speed better."""
     random, errors = np.random.default_rng(0), []
@@ -61,16 +54,3 @@ def test_the_commands_that_it_gave_tell_a_robot_where_it_is():
             errors.append((np.array(decision.mind.plan[0]) - state[:2]) if step > 5 else np.zeros(2))
             state = tuple(euler(state, [decision.command.input])[-1])
     assert np.sqrt(np.mean(np.square(errors))) < 0.5 * LOW.position_m
-
-
-@pytest.mark.parametrize("accuracy", [Accuracy(), LOW])
-def test_a_late_view_of_another_robot_is_predicted_from_where_it_is_now(accuracy):
-    agent = robot_a(goal=Goal(x_m=6.0, y_m=0.0, heading_rad=0.0))
-    course = euler((-4.0, -4.0, 0.0, 0.0), [(0.0, 0.3)] * 12)
-    state: Any = (-4.0, 0.0, 0.0, 0.0)
-    for step in range(10):
-        age = min(step, 3)
-        decision = decided(agent, step, state, course[step - age], accuracy=accuracy, age_steps=age)
-        assert decision.mind.prediction["a"][0] == pytest.approx(state[:2], abs=1e-3)
-        state = tuple(euler(state, [decision.command.input])[-1])
-    assert decision.mind.prediction["b"][0] == pytest.approx(course[9, :2], abs=0.02)

@@ -35,13 +35,10 @@ def test_an_own_pose_that_is_refused_is_replaced_by_where_its_inputs_have_led_it
     way_m = sum(0.1 * (2.0 + 0.1 * step) for step in range(steps))
     assert perception.memory.state("a") == pytest.approx((way_m, 0.0, 0.0, 2.0 + 0.1 * steps))
     assert perception.memory.unseen_steps("a") == 0
-
-
-def test_without_a_known_input_an_own_pose_that_is_refused_is_not_seen():
-    perception = Perception(scene_of("ab"), "a")
-    perception.take_in(seen(0, {"a": A}), None)
-    assert perception.take_in(seen(1, {"a": (9.0, 9.0, 0.0, 0.0)}), None) == {"a"}
-    assert perception.memory.unseen_steps("a") == 1
+    unknowing = Perception(scene_of("ab"), "a")
+    unknowing.take_in(seen(0, {"a": A}), None)
+    assert unknowing.take_in(seen(1, {"a": (9.0, 9.0, 0.0, 0.0)}), None) == {"a"}
+    assert unknowing.memory.unseen_steps("a") == 1, "without a known input it is not seen"
 
 
 def test_the_view_of_others_is_judged_at_the_step_of_which_it_is():
