@@ -16,11 +16,11 @@ from world.world import World
 STEP = 3
 
 
-def hanging(go_on: Callable[..., Any], step_of: Callable[..., int]) -> Callable[..., Any]:
-    """A method that hangs from this step on."""
+def hanging(go_on: Callable[..., Any], is_there: Callable[..., bool]) -> Callable[..., Any]:
+    """A method that hangs once the run is there."""
 
     def method(*arguments: Any) -> Any:
-        if step_of(*arguments) >= STEP:
+        if is_there(*arguments):
             threading.Event().wait()
         return go_on(*arguments)
 
@@ -29,6 +29,7 @@ def hanging(go_on: Callable[..., Any], step_of: Callable[..., int]) -> Callable[
 
 if __name__ == "__main__":
     chassis.health.LONGEST_SILENCE_S = 1.0  # so that the test need not wait for ten
-    Agent.decide = hanging(Agent.decide, lambda _agent, observation: observation.step)  # type: ignore[method-assign]
-    World.advance = hanging(World.advance, lambda world, _commands: world.step)  # type: ignore[method-assign]
+    # Epoch 0 is that of the decisions for which kernels are loaded, before there is a run.
+    Agent.decide = hanging(Agent.decide, lambda _agent, seen: seen.epoch > 0 and seen.step >= STEP)
+    World.advance = hanging(World.advance, lambda world, _commands: world.step >= STEP)
     runpy.run_module(sys.argv.pop(1), run_name="__main__", alter_sys=True)

@@ -109,7 +109,7 @@ def test_who_hangs_feeds_no_watchdog_and_is_not_live_although_it_answers_and_the
     hangs = "agent" if other == "world" else "world"
     stage.start("agent")
     stage.start("world")
-    stage.listens["agent"].until("STATUS", "drives")
+    stage.listens["agent"].until("READY", "1")
     stage.will_say(hangs, LIVE, "not live: no sign of life for")
     stage.listens[hangs].drain()
     assert stage.listens[hangs].next(2 * WATCHDOG_S) is None
