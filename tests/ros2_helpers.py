@@ -11,7 +11,11 @@ STORE = get_typestore(Stores.ROS2_HUMBLE)
 ODOMETRY, TWIST = "nav_msgs/msg/Odometry", "geometry_msgs/msg/Twist"
 
 
-def odometry_message(
+def geometry(name, *fields):
+    return STORE.types[f"geometry_msgs/msg/{name}"](*fields)
+
+
+def odometry_bytes(
     x_m=0.0,
     y_m=0.0,
     heading_rad=0.0,
@@ -27,32 +31,20 @@ def odometry_message(
     angular=None,
     pose_covariance=(0.0,) * 36,
     twist_covariance=(0.0,) * 36,
+    little_endian=True,
 ):
-    """A message as a driver would make it; what is given beside the first five overrides them."""
-    time, header, point, quaternion, pose, vector, twist, with_pose, with_twist = (
-        STORE.types[f"{package}/msg/{name}"]
-        for package, names in (
-            ("builtin_interfaces", ["Time"]),
-            ("std_msgs", ["Header"]),
-            ("geometry_msgs", ["Point", "Quaternion", "Pose", "Vector3", "Twist"]),
-            ("geometry_msgs", ["PoseWithCovariance", "TwistWithCovariance"]),
-        )
-        for name in names
-    )
+    """A message as a driver would send it; what is given beside the first five overrides them."""
+    stamp = STORE.types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 1_000_000_000))
     turned = orientation or (0.0, 0.0, math.sin(heading_rad / 2), math.cos(heading_rad / 2))
-    velocity = twist(
-        vector(*(linear or (speed_mps, 0.0, 0.0))), vector(*(angular or (0.0, 0.0, turn_rate_radps)))
-    )
-    return STORE.types[ODOMETRY](
-        header(time(*divmod(stamp_ns, 1_000_000_000)), frame_id),
+    pose = geometry("Pose", geometry("Point", x_m, y_m, z_m), geometry("Quaternion", *turned))
+    velocities = (linear or (speed_mps, 0.0, 0.0), angular or (0.0, 0.0, turn_rate_radps))
+    twist = geometry("Twist", *(geometry("Vector3", *each) for each in velocities))
+    message = STORE.types[ODOMETRY](
+        STORE.types["std_msgs/msg/Header"](stamp, frame_id),
         child_frame_id,
-        with_pose(pose(point(x_m, y_m, z_m), quaternion(*turned)), np.array(pose_covariance)),
-        with_twist(velocity, np.array(twist_covariance)),
+        geometry("PoseWithCovariance", pose, np.array(pose_covariance)),
+        geometry("TwistWithCovariance", twist, np.array(twist_covariance)),
     )
-
-
-def odometry_bytes(*values, little_endian=True, **fields):
-    message = odometry_message(*values, **fields)
     return bytes(STORE.serialize_cdr(message, ODOMETRY, little_endian=little_endian))
 
 

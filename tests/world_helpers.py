@@ -52,18 +52,10 @@ def command(
     step: int,
     acceleration_mps2: float = 0.0,
     turn_rate_radps: float = 0.0,
-    *,
-    epoch: int = EPOCH,
-    then: tuple[float, float] | None = None,
+    **more: Any,
 ) -> Command:
-    return Command(
-        epoch=epoch,
-        robot=robot,
-        step=step,
-        turn_rate_radps=turn_rate_radps,
-        acceleration_mps2=acceleration_mps2,
-        then=then,
-    )
+    inputs = {"turn_rate_radps": turn_rate_radps, "acceleration_mps2": acceleration_mps2}
+    return Command(**{"epoch": EPOCH, "robot": robot, "step": step, **inputs, **more})
 
 
 def at(x_m: float, y_m: float, heading_rad: float = 0.0, speed_mps: float = 0.0) -> VehicleState:

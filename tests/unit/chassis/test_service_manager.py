@@ -1,5 +1,4 @@
 import os
-import socket
 import uuid
 
 import pytest
@@ -75,17 +74,6 @@ def test_a_listener_that_is_gone_is_told_of_once(tmp_path, clock):
             manager.alive()
             manager.tell(STATUS="here")
     assert [entry["event"] for entry in log] == ["the service manager does not listen"]
-
-
-def test_without_a_service_manager_nothing_happens(monkeypatch):
-    def refuse(*_):
-        raise AssertionError("a socket was opened")
-
-    monkeypatch.setattr(socket, "socket", refuse)
-    manager = ServiceManager({})
-    manager.alive()
-    manager.up()
-    manager.tell(STATUS="alone")
 
 
 @pytest.mark.parametrize(

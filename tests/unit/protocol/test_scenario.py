@@ -39,9 +39,7 @@ A = robot("a", (-4, 0), (4, 0))
 B = robot("b", (0, -4), (0, 4))
 
 
-@pytest.mark.parametrize(
-    ("goal", "heading"), [((4, 0), 0), ((-4, 4), math.pi / 2), ((-4, -4), -math.pi / 2), ((-8, 0), math.pi)]
-)
+@pytest.mark.parametrize(("goal", "heading"), [((-4, -4), -math.pi / 2), ((-8, 0), math.pi)])
 def test_a_heading_left_out_points_from_start_to_goal(goal: tuple[float, float], heading: float) -> None:
     way = robot("a", (-4, 0), goal)
     (it,) = scenario(way).robots

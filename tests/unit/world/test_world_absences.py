@@ -2,14 +2,14 @@
 
 import pytest
 from structlog.testing import capture_logs
-from world_helpers import EPOCH, SPRINT_STEPS, at, command, lanes, sprint
+from world_helpers import EPOCH, at, command, lanes, sprint
 from world_stage import Stage
 
-from protocol.scenario import Pose, Scenario, ScenarioRobot, Sensing
+from protocol.scenario import Pose, Scenario, Sensing
 from world.sensing import Sensors
 from world.world import World
 
-NOISY = Sensing(position_noise_m=0.05, heading_noise_rad=0.1, speed_noise_mps=0.2, dropout=0.3)
+NOISY = Sensing(range_m=10, position_noise_m=0.05, heading_noise_rad=0.1, speed_noise_mps=0.2, dropout=0.3)
 
 
 def with_absences(scenario: Scenario, robot: str, *absences_s: tuple[float, float]) -> Scenario:
@@ -20,20 +20,11 @@ def with_absences(scenario: Scenario, robot: str, *absences_s: tuple[float, floa
     return scenario.model_copy(update={"robots": robots})
 
 
-def sprinting(world: World, steps: int = SPRINT_STEPS) -> World:
-    """Everybody is given its sprint, in the scene or not."""
+def sprinting(world: World, steps: int, robots: str = "123") -> World:
+    """These robots are given their sprints, in the scene or not."""
     while world.step < steps and not world.over:
-        world.advance({robot: command(robot, world.step, sprint(world.step)) for robot in world.robots})
+        world.advance({robot: command(robot, world.step, sprint(world.step)) for robot in robots})
     return world
-
-
-def meeting(*absences_s: tuple[float, float]) -> Scenario:
-    """Robot 1 drives to where robot 2 stands."""
-    robots = [
-        ScenarioRobot(id="1", start=Pose(x_m=0.0, y_m=0.0), goal=Pose(x_m=8.0, y_m=0.0)),
-        ScenarioRobot(id="2", start=Pose(x_m=1.5, y_m=0.0), goal=Pose(x_m=-8.0, y_m=0.0)),
-    ]
-    return with_absences(Scenario(name="meeting", robots=robots), "2", *absences_s)
 
 
 def test_an_absent_robot_neither_observes_nor_is_observed():
@@ -60,15 +51,17 @@ def test_an_absent_robot_stays_where_it_is_whatever_it_is_told_and_stands_when_i
     assert after.state.speed_mps == pytest.approx(2 * 0.1 * sprint(8))
 
 
-@pytest.mark.parametrize(("absences_s", "collides"), [((), True), (((0.0, 3.0),), False)])
-def test_an_absent_robot_is_not_met(absences_s, collides):
-    world = World(meeting(*absences_s), seed=0, epoch=EPOCH)
+@pytest.mark.parametrize("absences_s", [(), ((0.0, 3.0),)])
+def test_an_absent_robot_is_not_met(absences_s):
+    """Robot 1 drives through where robot 2 is."""
+    first, second = lanes(2, length_m=9.0).robots
+    second = second.model_copy(update={"start": Pose(x_m=1.5, y_m=0.0), "absences_s": absences_s})
+    world = World(Scenario(name="meeting", robots=[first, second]), seed=0, epoch=EPOCH)
     while world.step < 29:
         world.advance({"1": command("1", world.step, 1.0)})
     truth = world.truth()
     assert truth.robots["1"].state.x_m > 3.0
-    assert bool(truth.collisions) == collides
-    assert (truth.minimum_distance_m is None) == (not collides)
+    assert bool(truth.collisions) == (truth.minimum_distance_m is not None) == (not absences_s)
 
 
 @pytest.mark.parametrize(
@@ -78,9 +71,7 @@ def test_an_absent_robot_is_not_met(absences_s, collides):
 )
 def test_a_robot_is_awaited_unless_it_has_left_for_good(absence_s, end):
     world = World(with_absences(lanes(3), "2", absence_s), seed=0, epoch=EPOCH)
-    while world.step < 25 and not world.over:
-        world.advance({robot: command(robot, world.step, sprint(world.step)) for robot in "13"})
-    truth = world.truth()
+    truth = sprinting(world, 25, "13").truth()
     assert [truth.robots[robot].arrived_s for robot in "13"] == [2.0, 2.0]
     assert (truth.verdict, truth.step) == (("arrived", end) if end else (None, 25))
 
@@ -116,27 +107,14 @@ def test_a_withheld_command_is_a_miss_and_nothing_else_is_awaited():
     assert stage.bus.truths[-1].refused == {}
 
 
-def test_a_command_after_a_withheld_one_answers_the_step_again():
-    stage = Stage(time_limit_s=0.1)
-    stage.bus.silent = {"2"}
-
-    def withhold_and_answer():
-        stage.bus.answer("2", 0, withheld=True)
-        stage.bus.answer("2", 0)
-
-    stage.bus.at_step[0] = withhold_and_answer
-    stage.drive()
-    assert stage.misses() == {"1": 0, "2": 1}
-    assert stage.bus.truths[-1].refused == {"2": {"answers a step again": 1}}
-
-
 STATES = {"1": at(0.0, 0.0), "2": at(3.0, 0.0), "3": at(0.0, 3.0)}
 
 
 def test_what_is_seen_of_those_present_does_not_depend_on_who_is_absent():
-    """Noise and dropouts are drawn for everybody, so that an absence shifts nobody's luck."""
-    full, part = (Sensors("1", NOISY, seed=0, index=0) for _ in range(2))
+    """Nor on who is out of range: noise and dropouts are drawn for everybody, so nobody's luck is shifted."""
+    full, part, short = (Sensors("1", NOISY, seed=0, index=0) for _ in range(3))
     for step in range(40):
         everybody = full.see(STATES).robots
-        others = part.see(STATES, ["1", "3"] if step % 2 else None).robots
-        assert others == {name: each for name, each in everybody.items() if name != "2" or not step % 2}
+        others = {name: each for name, each in everybody.items() if name != "2" or not step % 2}
+        assert part.see(STATES, ["1", "3"] if step % 2 else None).robots == others
+        assert short.see(STATES if not step % 2 else STATES | {"2": at(100.0, 0.0)}).robots == others

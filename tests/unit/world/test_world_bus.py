@@ -24,9 +24,9 @@ def sessions(endpoint):
         yield world, robot
 
 
-def declare(session, world, inbox):
-    scene = PublicScene(epoch=EPOCH, scene=lanes(2).scene(with_goals=False))
-    return Bus(session, KEYS, scene, world.robots, inbox)
+def declare(session):
+    scene, inbox = PublicScene(epoch=EPOCH, scene=lanes(2).scene(with_goals=False)), Inbox(["1", "2"])
+    return Bus(session, KEYS, scene, ("1", "2"), inbox), inbox
 
 
 def test_a_robot_that_was_there_before_the_world_listened_is_present(sessions):
@@ -36,8 +36,7 @@ def test_a_robot_that_was_there_before_the_world_listened_is_present(sessions):
     token = theirs.liveliness().declare_token(KEYS.alive("1"))
     assert seen.wait(PATIENCE_S)
     watcher.undeclare()
-    inbox = Inbox(["1", "2"])
-    declare(ours, World(lanes(2), seed=0, epoch=EPOCH), inbox)
+    _, inbox = declare(ours)
     assert inbox.take(PATIENCE_S).present == {"1"}
     token.undeclare()
     arrivals = inbox.take(PATIENCE_S)
@@ -57,8 +56,7 @@ def test_each_robot_gets_its_own_observation_only(sessions):
     listener = theirs.declare_subscriber("unspoken/run/pose/*", keep)
     world = World(lanes(2, sensing=Sensing(position_noise_m=0.1)), seed=0, epoch=EPOCH)
     token = theirs.liveliness().declare_token(KEYS.alive("1"))
-    inbox = Inbox(world.robots)
-    bus = declare(ours, world, inbox)
+    bus, inbox = declare(ours)
     assert inbox.take(PATIENCE_S).present == {"1"}
     bus.publish_observations(world.observations())
     assert done.wait(PATIENCE_S)
@@ -70,7 +68,7 @@ def test_each_robot_gets_its_own_observation_only(sessions):
 def test_the_world_waits_until_the_last_reader_of_the_truth_has_left(sessions):
     ours, theirs = sessions
     world = World(lanes(2), seed=0, epoch=EPOCH)
-    bus = declare(ours, world, Inbox(world.robots))
+    bus, _ = declare(ours)
     got = threading.Event()
     reader = theirs.declare_subscriber(KEYS.everything, lambda _: got.set())
     while not got.wait(0.05):
@@ -82,9 +80,4 @@ def test_the_world_waits_until_the_last_reader_of_the_truth_has_left(sessions):
     reader.undeclare()
     assert left.wait(PATIENCE_S)
     waiting.join()
-
-
-def test_a_world_without_readers_does_not_wait(sessions):
-    ours, _theirs = sessions
-    world = World(lanes(2), seed=0, epoch=EPOCH)
-    declare(ours, world, Inbox(world.robots)).wait_for_readers(float("inf"))
+    bus.wait_for_readers(float("inf"))  # without readers it does not wait

@@ -27,27 +27,19 @@ def test_lock_step_gives_every_step_the_whole_answer_time():
     assert clock.overruns == 0
 
 
-def begin_at(clock, time, *times_s):
-    """Begin steps at these times after the start; when after the start each next step is due."""
-    due = []
-    for after_s in times_s:
-        time.now_s = 1000.0 + after_s
-        clock.begin_step()
-        due.append(after_s + clock.remaining_s())
-    return due
-
-
-def test_small_delays_of_a_real_time_step_do_not_add_up():
+@pytest.mark.parametrize(
+    ("begun_s", "due_s", "overruns"),
+    [
+        ([0.0, 0.109, 0.209, 0.305, 0.4], [0.1, 0.2, 0.3, 0.4, 0.5], 0),
+        ([0.0, 0.1, 0.75, 0.85, 0.95], [0.1, 0.2, 0.85, 0.95, 1.05], 1),
+    ],
+)
+def test_small_delays_do_not_add_up_and_an_overrun_moves_the_schedule(begun_s, due_s, overruns):
     time = Time()
     clock = RealTime(0.1, time)
     assert not clock.waits_for_all
-    assert begin_at(clock, time, 0.0, 0.109, 0.209, 0.305, 0.4) == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
-    assert clock.overruns == 0
-
-
-def test_an_overrun_moves_the_schedule_instead_of_causing_a_burst():
-    time = Time()
-    clock = RealTime(0.1, time)
-    due = begin_at(clock, time, 0.0, 0.1, 0.75, 0.85, 0.95)
-    assert due == pytest.approx([0.1, 0.2, 0.85, 0.95, 1.05])
-    assert clock.overruns == 1
+    for after_s, expected_s in zip(begun_s, due_s, strict=True):
+        time.now_s = 1000.0 + after_s
+        clock.begin_step()
+        assert after_s + clock.remaining_s() == pytest.approx(expected_s)
+    assert clock.overruns == overruns

@@ -11,9 +11,6 @@ from protocol.vehicle import STANDSTILL, Input, Limits, braking_input
 from world.vehicle import ROUNDING, drive
 from world.world import World
 
-"""Of a robot at speed that no jerk limit holds back."""
-
-
 NOISY = Sensing(range_m=6.0, position_noise_m=0.05, heading_noise_rad=0.05, speed_noise_mps=0.1, dropout=0.2)
 
 
@@ -73,17 +70,6 @@ def test_a_sprint_arrives_when_and_where_the_sums_say():
     assert truth.minimum_distance_m == pytest.approx(2.0)
     with pytest.raises(RuntimeError, match="ended at step 20"):
         world.advance({})
-
-
-def test_a_robot_that_has_arrived_still_obeys():
-    world = World(lanes(2), seed=0, epoch=EPOCH)
-    while world.truth().robots["1"].arrived_s is None:
-        world.advance({"1": command("1", world.step, sprint(world.step)), "2": command("2", world.step)})
-    for _ in range(10):
-        world.advance({"1": command("1", world.step, 1.0), "2": command("2", world.step)})
-    first = world.truth().robots["1"]
-    assert first.state.x_m > 1.3
-    assert first.arrived_s == pytest.approx(2.0)
 
 
 PAIRS = st.tuples(st.floats(-2.0, 2.0), st.floats(-4.0, 4.0))

@@ -5,13 +5,6 @@ import pytest
 from world.bus import COMMANDS_A_STEP, Inbox
 
 
-def flooding(inbox, robot, count):
-    """A thread that gives so many commands."""
-    thread = threading.Thread(target=lambda: [inbox.store_command(robot, b"") for _ in range(count)])
-    thread.start()
-    return thread
-
-
 def wait_for_commands(inbox, count):
     commands = []
     while len(commands) < count:
@@ -20,8 +13,11 @@ def wait_for_commands(inbox, count):
 
 
 def test_a_flooding_robot_waits_for_the_next_step_and_nothing_it_said_is_lost():
+    """Until the end, which releases whoever waits."""
     inbox = Inbox(["1", "2"])
-    thread = flooding(inbox, "2", 2 * COMMANDS_A_STEP + 1)
+    count = 4 * COMMANDS_A_STEP
+    thread = threading.Thread(target=lambda: [inbox.store_command("2", b"") for _ in range(count)])
+    thread.start()
     assert len(wait_for_commands(inbox, COMMANDS_A_STEP)) == COMMANDS_A_STEP
     assert inbox.take(0.05).commands == ()
     assert inbox.take(0.0).exhausted == {"2"}
@@ -29,16 +25,6 @@ def test_a_flooding_robot_waits_for_the_next_step_and_nothing_it_said_is_lost():
     assert inbox.take(250.0).commands == (("1", b"mine"),)
     inbox.begin_step()
     assert len(wait_for_commands(inbox, COMMANDS_A_STEP)) == COMMANDS_A_STEP
-    inbox.begin_step()
-    assert len(wait_for_commands(inbox, 1)) == 1
-    assert inbox.take(0.0).exhausted == frozenset()
-    thread.join()
-
-
-def test_who_waits_to_give_a_command_is_released_at_the_end():
-    inbox = Inbox(["1"])
-    thread = flooding(inbox, "1", 3 * COMMANDS_A_STEP)
-    wait_for_commands(inbox, COMMANDS_A_STEP)
     inbox.close()
     thread.join()
     assert inbox.take(0.0).commands == ()
@@ -46,28 +32,26 @@ def test_who_waits_to_give_a_command_is_released_at_the_end():
 
 def test_presence_lasts_and_a_departure_is_told_once_even_if_the_robot_is_back():
     inbox = Inbox(["1", "2"])
-    inbox.store_presence("1", present=True)
-    inbox.store_presence("2", present=True)
-    assert inbox.take(0.0).present == {"1", "2"}
-    inbox.store_presence("2", present=False)
-    inbox.store_presence("2", present=True)
-    arrivals = inbox.take(0.0)
-    assert (arrivals.present, arrivals.gone) == ({"1", "2"}, {"2"})
-    inbox.store_presence("1", present=False)
-    arrivals = inbox.take(0.0)
-    assert (arrivals.present, arrivals.gone) == ({"2"}, {"1"})
-    assert inbox.take(0.0).gone == frozenset()
+    for robot in ("1", "2"):
+        inbox.store_presence(robot, present=True)
+    for back in (True, False):
+        inbox.store_presence("2", present=False)
+        if back:
+            inbox.store_presence("2", present=True)
+        arrivals = inbox.take(0.0)
+        assert (arrivals.present, arrivals.gone) == ({"1", "2"} if back else {"1"}, {"2"})
+        assert inbox.take(0.0).gone == frozenset()
 
 
-NEWS = {
-    "a command": lambda inbox: inbox.store_command("1", b""),
-    "a token": lambda inbox: inbox.store_presence("1", present=True),
-    "a lost token": lambda inbox: inbox.store_presence("1", present=False),
-    "an interruption": lambda inbox: inbox.interrupt(),
-}
-
-
-@pytest.mark.parametrize("happen", NEWS.values(), ids=NEWS.keys())
+@pytest.mark.parametrize(
+    "happen",
+    [
+        lambda inbox: inbox.store_command("1", b""),
+        lambda inbox: inbox.store_presence("1", present=True),
+        lambda inbox: inbox.store_presence("1", present=False),
+        Inbox.interrupt,
+    ],
+)
 def test_a_waiting_inbox_wakes_on_news(happen):
     inbox = Inbox(["1"])
     empty = inbox.take(0.0)
