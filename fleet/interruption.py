@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and a closed terminal as a wish to end in order."""
+"""Ctrl-C, SIGTERM and a closed terminal as a wish to end in order, also while the solver is compiled."""
 
 import signal
 from types import FrameType
@@ -35,3 +35,25 @@ class Interruption:
     def _handle(self, number: int, frame: FrameType | None) -> None:
         self.insisted = self.requested
         self.requested = True
+
+
+def compile_solver(interruption: Interruption) -> None:
+    """Wait until the solver is compiled, which takes no time where it has been.
+
+    Raises:
+        Refusal: it cannot be compiled or kept.
+        KeyboardInterrupt: an interruption came before.
+    """
+    from agent.process.warm import compile_in_background  # which takes a second, and `keys` never needs
+
+    if not compile_in_background(unwanted=lambda: interruption.requested):
+        raise KeyboardInterrupt
+
+
+def announced(begin: str) -> str:
+    """What a command does first, with the wait for the solver if there is one."""
+    from agent.solve.compiled import is_complete  # the same
+
+    if is_complete():
+        return begin
+    return f"compiling the solver (once on this machine, about a minute), then {begin}"

@@ -18,10 +18,9 @@ from agent.process.warm import warm_up
 from chassis.refusal import ExitStatus, Refusal
 from fleet.audit.recorded import Difference, RecordedRun, open_run
 from fleet.audit.replay import Audit, Report, RobotReplay, Tally, Turn, Watch, first_ones
-from fleet.interruption import Interruption
-from fleet.record.report_file import TO_STDOUT, JsonOption, write_report
-from fleet.run.experiment import VIRTUAL, RunFacts
-from fleet.run.progress import announced, compile_solver
+from fleet.interruption import Interruption, announced, compile_solver
+from fleet.record.experiment import VIRTUAL, RunFacts
+from fleet.record.report import TO_STDOUT, JsonOption, write_report
 from protocol.messages import Observation
 
 STEPS_HEADER = "  step   time s  turn rate rad/s  acceleration m/s²  as recorded  decided in ms"

@@ -8,11 +8,10 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
+from chassis.files import Record
 from chassis.refusal import Refusal
-from fleet.record.recording import Recording, RecordingError, read_recording
-from fleet.record.report_file import Record
-from fleet.record.stream import KINDS
-from fleet.run.experiment import RunFacts
+from fleet.record.experiment import RunFacts
+from fleet.record.recording import KINDS, Recording, read_recording
 from protocol.keys import Keys
 from protocol.messages import Command, Message, Mind, Observation, PublicScene, Truth
 from protocol.scenario import Scenario, load_scenario
@@ -175,23 +174,23 @@ def open_run(path: Path) -> RecordedRun:
     """Open the recording of a run: the file, or the directory that ``unspoken run`` has left.
 
     Raises:
-        RecordingError: there is none, it cannot be read, faults befell the run, its world was started again,
+        Refusal: there is none, it cannot be read, faults befell the run, its world was started again,
             or its scenario is wrong.
     """
     recording = read_recording(path / RECORDING_NAME if path.is_dir() else path)
     if number := recording.facts.faults:
         faults = "a fault was part" if number == 1 else f"{number} faults were part"
-        raise RecordingError(
+        raise Refusal(
             f"{recording.path}: {faults} of this run, so its robots may not have decided on what is "
             "recorded; only runs without faults can be repeated"
         )
     try:
         scenario = load_scenario(recording.path, recording.scenario_text)
     except Refusal as error:
-        raise RecordingError(f"the scenario attached to the recording cannot be used: {error}") from None
+        raise Refusal(f"the scenario attached to the recording cannot be used: {error}") from None
     run = RecordedRun(recording, scenario)
     if len({scene.epoch for scene in run.scenes()}) > 1:
-        raise RecordingError(
+        raise Refusal(
             f"{recording.path}: the world was started again in this run, at a step that nobody can tell "
             "exactly; only runs of a single epoch can be repeated"
         )

@@ -14,9 +14,9 @@ from pydantic import Field
 
 from agent.agent import Agent, Decision
 from agent.solve import Deadline
+from chassis.files import Record
 from fleet.audit.recorded import Difference, Part, RecordedRun, compared, too_many
-from fleet.record.report_file import Record
-from fleet.run.experiment import RunFacts
+from fleet.record.experiment import RunFacts
 from fleet.run.listening import obeyed
 from fleet.run.virtual import agent_of
 from protocol.messages import Command, Message, Mind, Observation, Truth, Verdict
@@ -117,8 +117,9 @@ class WorldReplay:
             if valid:
                 found[robot] = valid[0]
             else:
-                lacking = {"recorded": None, "repeated": "one that the world obeyed"}
-                self.differences.append(Difference(part="command", robot=robot, step=step, **lacking))
+                what = "one that the world obeyed"
+                lacking = Difference(part="command", robot=robot, step=step, recorded=None, repeated=what)
+                self.differences.append(lacking)
         return found
 
     def _compare_observations(
@@ -130,8 +131,9 @@ class WorldReplay:
                 self.observations[robot].identical += not found
                 self.differences += found
             else:
-                lacking = {"recorded": None, "repeated": repeated.model_dump_json()}
-                self.differences.append(Difference(part="observation", robot=robot, step=step, **lacking))
+                text = repeated.model_dump_json()
+                lacking = Difference(part="observation", robot=robot, step=step, recorded=None, repeated=text)
+                self.differences.append(lacking)
 
 
 def _count(by_step: Mapping[int, Sequence[Message]]) -> int:
@@ -296,7 +298,7 @@ class Audit:
         Raises:
             KeyboardInterrupt: from ``watch``.
             ModuleNotFoundError: the library of a baseline is not installed here.
-            RecordingError: the recording is damaged.
+            Refusal: the recording is damaged.
         """
         scene_differences = self._run.scene_differences()
         self._differences += [*self._run.strays(), *scene_differences]

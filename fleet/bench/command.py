@@ -11,7 +11,7 @@ from chassis.refusal import ExitStatus, Refusal
 from fleet.bench.measuring import MOST_ROBOTS, Progress, SectionName, Settings
 from fleet.bench.report import Bench
 from fleet.interruption import Interruption
-from fleet.record.report_file import TO_STDOUT, JsonOption, write_report
+from fleet.record.report import TO_STDOUT, JsonOption, write_report
 
 DEFAULT = Settings()
 WIDTH = 120

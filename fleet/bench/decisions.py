@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Self
 
 from agent.agent import Agent
+from chassis.files import Record
 from fleet.bench.loops import (
     Solved,
     TimedSolver,
@@ -17,8 +18,7 @@ from fleet.bench.loops import (
     shortfall_m,
 )
 from fleet.bench.measuring import Cell, Distribution, Duration, Progress, Row, Settings, Timer, Times
-from fleet.record.report_file import Record
-from fleet.record.tables import number
+from fleet.record.report import number
 from protocol.scenario import Scenario, load_scenario
 from scenarios import find
 from world.world import World

@@ -10,9 +10,9 @@ import numpy as np
 from pydantic import Field
 from rich.table import Table
 
+from chassis.files import Record
 from fleet.interruption import Interruption
-from fleet.record.report_file import Record
-from fleet.record.tables import new_table, number
+from fleet.record.report import new_table, number
 
 MOST_ROBOTS = 32
 """More find no room on the border of the area of ±10 m."""

@@ -21,11 +21,11 @@ from fleet.bench.bus import RUN, await_robots
 from fleet.bench.decisions import BUNDLED
 from fleet.bench.loops import circle
 from fleet.bench.measuring import Cell, Progress, Row, Settings
-from fleet.record.machine import MIB
-from fleet.record.stream import BusMessage
+from fleet.record.experiment import Experiment, prepare
+from fleet.record.recording import BusMessage
+from fleet.record.report import MIB
 from fleet.record.summary import Tally
-from fleet.run.experiment import Experiment, prepare
-from fleet.run.live import run_processes
+from fleet.run.launch import run_processes
 from fleet.run.processes import Processes
 from protocol.keys import Keys
 from protocol.messages import PublicScene, Truth

@@ -12,14 +12,13 @@ from pydantic import Field
 from rich.console import Console
 
 from agent.process.warm import warm_up
+from chassis.files import Record
 from fleet.bench.bus import BusRow
 from fleet.bench.decisions import ComparisonRow, DecisionRow, PredictionRow
 from fleet.bench.measuring import Progress, Row, SectionName, Settings, table
 from fleet.bench.processes import CompilingRow, RunRow, StartupRow
-from fleet.record.machine import Machine, this_machine
-from fleet.record.report_file import Record
-from fleet.record.tables import new_table, number
-from fleet.run.progress import announced, compile_solver
+from fleet.interruption import announced, compile_solver
+from fleet.record.report import Machine, new_table, number, this_machine
 
 SECTIONS: dict[SectionName, type[Row]] = {
     SectionName.PREDICTION: PredictionRow,
@@ -190,7 +189,7 @@ class Bench:
 
     def report(self) -> Report:
         """What has been measured so far."""
-        figures = Figures.model_validate(self._rows)
+        figures = Figures.model_validate({name: tuple(rows) for name, rows in self._rows.items()})
         return Report(
             complete=self._complete,
             duration_s=time.monotonic() - self._begin_s,

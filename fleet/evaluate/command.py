@@ -17,10 +17,8 @@ from agent.solve import SolverName
 from chassis.refusal import ExitStatus, Refusal
 from fleet.evaluate.evaluation import GRAMMAR, Evaluation, levels_in
 from fleet.evaluate.results import Results, Row, open_results
-from fleet.interruption import Interruption
-from fleet.record.machine import this_machine
-from fleet.record.tables import new_table, number
-from fleet.run.progress import announced, compile_solver, progress_of_many
+from fleet.interruption import Interruption, announced, compile_solver
+from fleet.record.report import new_table, number, progress_of_many, this_machine
 from fleet.scenarios.suite import load_suite
 
 METHODS = get_args(GoalsName)

@@ -11,10 +11,10 @@ from pydantic import AfterValidator, Field, ValidationError, field_serializer
 
 from agent.estimate import GoalsName
 from agent.solve import SolverName
+from chassis.files import Record
 from fleet.inject.scenario import Scenario
-from fleet.record.machine import Machine
-from fleet.record.report_file import Record
-from fleet.run.experiment import VIRTUAL, RunFacts
+from fleet.record.experiment import VIRTUAL, RunFacts
+from fleet.record.report import Machine
 from protocol.scenario import Sensing
 
 AS_IN_THE_FILE = "none"

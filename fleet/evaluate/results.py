@@ -13,10 +13,9 @@ from pydantic import Field, ValidationError
 
 from agent.estimate import GoalsName
 from agent.solve import SolverName
-from chassis.files import write_whole
+from chassis.files import Record, write_whole
 from chassis.refusal import ExitStatus, Refusal
 from fleet.evaluate.evaluation import Evaluation, NoiseLevel, Run, RunKey
-from fleet.record.report_file import Record
 from fleet.record.summary import Summary
 
 EXPERIMENT, RUNS = "experiment.json", "runs.csv"

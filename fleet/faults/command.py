@@ -19,10 +19,8 @@ from fleet.evaluate.running import local_cluster, outcomes
 from fleet.faults.cases import BUNDLED, Case, load_cases
 from fleet.faults.trial import Outcome, Trial, in_processes, in_virtual_time
 from fleet.inject.scenario import unknown_robot
-from fleet.interruption import Interruption
-from fleet.record.report_file import TO_STDOUT, JsonOption, write_report
-from fleet.record.tables import new_table, number
-from fleet.run.progress import announced, compile_solver, progress_of_many
+from fleet.interruption import Interruption, announced, compile_solver
+from fleet.record.report import TO_STDOUT, JsonOption, new_table, number, progress_of_many, write_report
 from fleet.scenarios.command import checked_numbers, numbers_in
 
 VERSION = 1

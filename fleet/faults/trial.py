@@ -14,15 +14,15 @@ import psutil
 from pydantic import BaseModel, ConfigDict
 
 from agent.estimate import GoalsName
-from chassis.refusal import ExitStatus
+from chassis.refusal import ExitStatus, Refusal
 from fleet.evaluate.running import described, make_ready
 from fleet.faults.cases import Case
 from fleet.faults.invariants import Evidence, lost_steps, violations
 from fleet.inject.process_faults import Kill
 from fleet.inject.scenario import Scenario
 from fleet.interruption import Interruption
-from fleet.record.recording import RecordingError, read_recording
-from fleet.run.experiment import VIRTUAL, RunFacts
+from fleet.record.experiment import VIRTUAL, RunFacts
+from fleet.record.recording import read_recording
 from fleet.run.virtual import closed_loop
 from fleet.scenarios.suite import FAMILIES
 from protocol.scenario import scenario_text
@@ -142,7 +142,7 @@ def in_processes(trial: Trial, interruption: Interruption) -> Outcome:
         try:
             for _, message in read_recording(run.out / "run.mcap"):
                 evidence.add(message)
-        except RecordingError as error:
+        except Refusal as error:
             found.append(f"the recording cannot be read: {error}")
         else:
             # Of a recording that was cut short, the last chunk is missing; what was written before it is not.

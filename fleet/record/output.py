@@ -3,22 +3,20 @@
 from pathlib import Path
 from typing import Self
 
+from chassis.files import write_whole
 from chassis.refusal import ExitStatus, Refusal
 from fleet.inject.process_faults import FullDisk
+from fleet.record.experiment import Experiment
 from fleet.record.picture import Course, draw_paths
-from fleet.record.recording import Recorder
-from fleet.record.stream import RefusedMind, Restarted, StreamItem
+from fleet.record.recording import BusMessage, Recorder, StreamItem
 from fleet.record.summary import Summary, Tally
-from fleet.run.experiment import Experiment
 from protocol.messages import Truth
 
 
 class Output:
     """Takes a run's messages as they come and writes everything that is kept of them.
 
-    Args:
-        directory: made if need be; one that holds something already is refused, so that no run is lost.
-        experiment: what is run.
+    The directory is made if need be; one that holds something is refused, so that no run is lost.
 
     Raises:
         Refusal: the directory cannot be made, or holds something.
@@ -35,11 +33,10 @@ class Output:
         self.logs = directory / "logs"
         self.tally = Tally()
         self._experiment = experiment
-        scenario = experiment.scenario
+        scenario, facts = experiment.scenario, experiment.facts
         self._course = Course(scenario.step_s)
-        self._disk = FullDisk(scenario.faults, seed=experiment.facts.seed, step_s=scenario.step_s)
-        path, text = directory / "run.mcap", experiment.scenario_text()
-        self._recorder = Recorder(path, experiment.facts, text, self._disk.open)
+        self._disk = FullDisk(scenario.faults, seed=facts.seed, step_s=scenario.step_s)
+        self._recorder = Recorder(directory / "run.mcap", facts, experiment.text, self._disk.open)
 
     def __enter__(self) -> Self:
         """Open the recording.
@@ -60,29 +57,23 @@ class Output:
         Raises:
             Refusal: the disk does not take it.
         """
-        if isinstance(item, RefusedMind):
-            self.tally.refuse(item)
-        elif isinstance(item, Restarted):
-            self.tally.count_restart(item)
-        else:
+        if isinstance(item, BusMessage):
             if isinstance(item.message, Truth):
                 self._disk.at(item.message.step)
-            self._recorder.record(item.key, item.message, item.time_ns)
-            self.tally.add(item.message)
+            self._recorder.record(*item)
             self._course.add(item.message)
+        self.tally.add(item.message if isinstance(item, BusMessage) else item)
 
     def finish(self, without_verdict: str) -> Summary:
-        """Write the summary and the picture.
-
-        Args:
-            without_verdict: the verdict where the referee could not give one.
+        """Write the summary and the picture; without the referee's verdict, the given one stands.
 
         Raises:
             Refusal: the disk does not take them.
         """
         summary = self.tally.summary(self._experiment.facts, without_verdict)
+        text = summary.model_dump_json(by_alias=True, indent=2) + "\n"
         try:
-            summary.write(self.directory / "summary.json")
+            write_whole(self.directory / "summary.json", text)
             draw_paths(self._experiment.scenario, self._course, summary, self.directory / "paths.png")
         except OSError as error:
             where = error.filename or self.directory  # a full disk does not say which file

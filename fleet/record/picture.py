@@ -5,6 +5,7 @@ from array import array
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -19,8 +20,7 @@ from matplotlib.patches import Circle, Polygon
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from fleet.record.summary import Summary
-from fleet.record.verdict import verdict_line
+from fleet.record.summary import Summary, verdict_line
 from protocol.messages import Message, Mind, PublicScene, Truth
 from protocol.scenario import Scenario, ScenarioRobot
 
@@ -68,6 +68,8 @@ STYLE: dict[Any, Any] = {  # matplotlib types the keys as a literal of all that 
 
 Points = list[tuple[float, float]]
 Pose = NDArray[np.float64]
+"""x and y in m and heading in rad."""
+Poses = NDArray[np.float64]
 Estimates = Mapping[str, Sequence[tuple[float, float]]]
 
 
@@ -79,43 +81,43 @@ def shown_times_s(end_s: float) -> tuple[float, ...]:
 
 
 class Course:
-    """Gathers a run from its messages, as they come or from a recording.
+    """Gathers a run of a given Δt in s from its messages, as they come or from a recording.
 
     All poses are kept, 32 bytes a robot and step; of the estimates only those that may be shown.
     Where the world was started again in between, its last epoch is shown.
-
-    Args:
-        step_s: Δt in s.
     """
 
     def __init__(self, step_s: float) -> None:
         self._step_s = step_s
-        self._epoch: int | None = None
-        self._begin()
+        self._begin(None)
 
-    def _begin(self) -> None:
+    def _begin(self, epoch: int | None) -> None:
+        self._epoch = epoch
         self._poses: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))
-        self._early_estimates: dict[int, defaultdict[str, Points]] = {}
-        self._late_estimates: dict[int, defaultdict[str, Points]] = {}
+        self._estimates: dict[int, defaultdict[str, Points]] = {}
+        """By step and robot."""
         self.end_s = 0.0
         """Time of the newest truth, in s."""
 
     def add(self, message: Message) -> None:
         """Take a truth or a mind; other messages show nothing more."""
         if isinstance(message, PublicScene | Truth) and message.epoch != self._epoch:
-            self._epoch = message.epoch
-            self._begin()
+            self._begin(message.epoch)
         if isinstance(message, Truth):
             self.end_s = message.time_s
             for name, robot in message.robots.items():
                 state = robot.state
                 self._poses[name].extend((message.time_s, state.x_m, state.y_m, state.heading_rad))
         elif isinstance(message, Mind) and message.estimates:
-            estimates = self._estimates_of(message.step)
+            estimates = self._estimates.setdefault(message.step, defaultdict(list))
             for name, goal in message.estimates.items():
                 estimates[name].append((goal.x_m, goal.y_m))
+            newest = max(self._estimates)
+            for old in [step for step in self._estimates if step < newest - LATE_STEPS]:
+                if not self._is_until(old, PUBLISHED_TIMES_S[-1]):
+                    del self._estimates[old]
 
-    def poses(self) -> dict[str, NDArray[np.float64]]:
+    def poses(self) -> dict[str, Poses]:
         """By robot: time in s, x and y in m, heading in rad at every step of its, shape (steps, 4)."""
         return {name: np.array(poses).reshape(-1, 4) for name, poses in self._poses.items()}
 
@@ -125,18 +127,11 @@ class Course:
         Returns:
             By robot: the estimate of every observer, x and y in m.
         """
-        kept = self._early_estimates | self._late_estimates
-        step = max((step for step in kept if step * self._step_s <= time_s + 1e-9), default=None)
-        return {} if step is None else kept[step]
+        step = max((step for step in self._estimates if self._is_until(step, time_s)), default=None)
+        return {} if step is None else self._estimates[step]
 
-    def _estimates_of(self, step: int) -> defaultdict[str, Points]:
-        """Where the estimates of a step are gathered; the late ones before the newest are forgotten."""
-        if step * self._step_s <= PUBLISHED_TIMES_S[-1] + 1e-9:
-            return self._early_estimates.setdefault(step, defaultdict(list))
-        newest = max(step, *self._late_estimates) if self._late_estimates else step
-        for old in [old for old in self._late_estimates if old < newest - LATE_STEPS]:
-            del self._late_estimates[old]
-        return self._late_estimates.setdefault(step, defaultdict(list))
+    def _is_until(self, step: int, time_s: float) -> bool:
+        return step * self._step_s <= time_s + 1e-9
 
 
 class View(NamedTuple):
@@ -157,7 +152,7 @@ class Panel:
     view: View
     scenario: Scenario
 
-    def draw(self, poses: Mapping[str, NDArray[np.float64]], estimates: Estimates, time_s: float) -> None:
+    def draw(self, poses: Mapping[str, Poses], estimates: Estimates, time_s: float) -> None:
         """Draw everything as it was at a time.
 
         Args:
@@ -167,8 +162,7 @@ class Panel:
         """
         past = {name: rows[rows[:, 0] <= time_s + 1e-9] for name, rows in poses.items()}
         present_s = max((rows[-1, 0] for rows in past.values() if len(rows)), default=0.0)
-        for index, robot in enumerate(self.scenario.robots):
-            colour = COLOURS[index % len(COLOURS)]
+        for robot, colour in zip(self.scenario.robots, cycle(COLOURS), strict=False):
             rows = past.get(robot.id, np.empty((0, 4)))
             # A robot that has left the run before leaves only its path.
             pose = rows[-1, 1:] if len(rows) and rows[-1, 0] == present_s else None
@@ -275,7 +269,7 @@ def draw_paths(scenario: Scenario, course: Course, summary: Summary, path: Path 
         figure.savefig(path, format="png")
 
 
-def _view(scenario: Scenario, poses: Mapping[str, NDArray[np.float64]]) -> View:
+def _view(scenario: Scenario, poses: Mapping[str, Poses]) -> View:
     """The rectangle of all paths and goals with the discs around them, not too flat and not too high."""
     goals = [(r.goal.x_m, r.goal.y_m) for r in scenario.robots]
     points = np.vstack([goals, *(rows[:, 1:3] for rows in poses.values())])
@@ -318,19 +312,15 @@ def _explain(figure: Figure, summary: Summary, step_s: float, *, estimated: bool
     ):
         font = min(largest_font, WIDEST_TEXT * width_in / len(text))
         figure.text(left, 1.0 - below_top_in / height_in, text, fontsize=font, fontweight=weight, va="center")
+    robot = legend_mark("o", 14, "none", edge="0.6"), legend_mark("o", 10, "0.4")
     entries: dict[str, Any] = {
         "path driven": Line2D([], [], color="0.4", linewidth=1.8),
-        "robot with safety margin; tip: heading": (
-            legend_mark("o", 14, "none", edge="0.6"),
-            legend_mark("o", 10, "0.4"),
-        ),
+        "robot with safety margin; tip: heading": robot,
         "goal": legend_mark(GOAL, 11, "0.4"),
     }
     if estimated:
-        entries["estimated goal"] = (
-            Line2D([], [], color="0.4", linewidth=0.9, linestyle=DASHED),
-            legend_mark(ESTIMATE, 7, "white", edge="0.4", edge_width=1.4),
-        )
+        line = Line2D([], [], color="0.4", linewidth=0.9, linestyle=DASHED)
+        entries["estimated goal"] = line, legend_mark(ESTIMATE, 7, "white", edge="0.4", edge_width=1.4)
     figure.legend(
         list(entries.values()),
         list(entries),

@@ -1,4 +1,4 @@
-"""Recordings of runs: every bus message in one MCAP file, which Foxglove and other tools open."""
+"""A run as a stream of bus messages, and its recording, one MCAP file, which Foxglove opens."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -6,7 +6,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from io import BufferedWriter
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Final, Literal, NamedTuple, Self
 
 from mcap.data_stream import RecordBuilder
 from mcap.reader import McapReader, make_reader
@@ -16,12 +16,51 @@ from mcap.writer import MCAP0_MAGIC, Writer
 from pydantic import ValidationError
 
 from chassis.refusal import ExitStatus, Refusal
-from fleet.run.experiment import RunFacts
+from fleet.record.experiment import RunFacts
 from protocol.messages import Command, Message, Mind, Observation, PublicScene, Truth
+from protocol.messages import Refusal as Reason
 
-_SCALARS = ("boolean", "string", "number", "integer")
+KINDS: Final[dict[str, type[Message]]] = {
+    "pose": Observation,
+    "command": Command,
+    "scene": PublicScene,
+    "truth": Truth,
+    "mind": Mind,
+}
+"""The message that each kind of key carries."""
 
+
+class BusMessage(NamedTuple):
+    """One message as it was on the bus."""
+
+    key: str
+    message: Message
+    time_ns: int
+    """Unix time of arrival for real processes; simulated time since step 0 in virtual time."""
+
+
+TOO_MANY: Final = "too many at once"
+"""Why minds are not recorded that come faster than the bench takes them."""
+
+
+class RefusedMind(NamedTuple):
+    """Minds of a robot that were not recorded."""
+
+    robot: str
+    reason: Reason | Literal["too many at once"]
+    how_many: int = 1
+
+
+class Restarted(NamedTuple):
+    """A process of the run was started again."""
+
+    process: str
+
+
+StreamItem = BusMessage | RefusedMind | Restarted
+"""What a run tells."""
 JsonSchema = dict[str, Any]
+_SCALARS = ("boolean", "string", "number", "integer")
 
 
 def message_schema(kind: type[Message]) -> bytes:
@@ -34,28 +73,23 @@ def message_schema(kind: type[Message]) -> bytes:
     """
     whole = kind.model_json_schema()
     definitions = whole.pop("$defs", {})
-    schema = {"title": kind.__name__, **_outline(whole, definitions), "allOf": [whole], "$defs": definitions}
+    outline = _outline(whole, definitions)
+    assert outline is not None, "a message is an object"
+    schema = {"title": kind.__name__, **outline, "allOf": [whole], "$defs": definitions}
     return json.dumps(schema, ensure_ascii=False).encode()
 
 
-def _outline(schema: JsonSchema, definitions: JsonSchema) -> JsonSchema:
-    """An object's fields as far as Foxglove can read them; of a map from ids, that it is an object."""
-    fields = {name: _field(field, definitions) for name, field in schema.get("properties", {}).items()}
-    return {"type": "object", "properties": {name: field for name, field in fields.items() if field}}
-
-
-def _field(schema: JsonSchema, definitions: JsonSchema) -> JsonSchema | None:
-    """The outline of one field; None where Foxglove could not read any."""
+def _outline(schema: JsonSchema, definitions: JsonSchema) -> JsonSchema | None:
+    """As much of a schema as Foxglove can read, which of a map is that it is an object; None for nothing."""
     if "$ref" in schema:
         schema = definitions[schema["$ref"].rpartition("/")[2]]
     kind = schema.get("type")
-    if kind in _SCALARS:
-        return {"type": kind}
     if kind == "object":
-        return _outline(schema, definitions)
+        fields = {name: _outline(each, definitions) for name, each in schema.get("properties", {}).items()}
+        return {"type": "object", "properties": {name: each for name, each in fields.items() if each}}
     if kind == "array" and schema["items"].get("type") in _SCALARS:
         return {"type": "array", "items": {"type": schema["items"]["type"]}}
-    return None
+    return {"type": kind} if kind in _SCALARS else None
 
 
 SCENARIO_ATTACHMENT: Final = "scenario.yaml"
@@ -63,7 +97,7 @@ FACTS_METADATA: Final = "run"
 CHUNK_BYTES: Final = 64 * 1024
 """Messages are compressed together up to this size, about one step of eight robots: what a crash can cost."""
 
-_KINDS = {kind.__name__: kind for kind in (Observation, Command, PublicScene, Truth, Mind)}
+_KINDS_BY_NAME = {kind.__name__: kind for kind in KINDS.values()}
 
 
 def _shortest_ending() -> bytes:
@@ -76,10 +110,6 @@ def _shortest_ending() -> bytes:
 
 ENDING: Final = _shortest_ending()
 """The shortest end of an MCAP file: one without an index, which readers then do without."""
-
-
-class RecordingError(Refusal):
-    """A recording that cannot be read; the text names the file, what is wrong and what helps."""
 
 
 class Recorder:
@@ -176,15 +206,13 @@ class Recorder:
         self._closed = True
 
     def _channel(self, key: str, kind: type[Message]) -> int:
+        writer, known = self._writer, (key, kind)
         if kind not in self._schemas:
-            self._schemas[kind] = self._writer.register_schema(
-                kind.__name__, SchemaEncoding.JSONSchema, message_schema(kind)
-            )
-        if (key, kind) not in self._channels:
-            self._channels[key, kind] = self._writer.register_channel(
-                key, MessageEncoding.JSON, self._schemas[kind]
-            )
-        return self._channels[key, kind]
+            schema = message_schema(kind)
+            self._schemas[kind] = writer.register_schema(kind.__name__, SchemaEncoding.JSONSchema, schema)
+        if known not in self._channels:
+            self._channels[known] = writer.register_channel(key, MessageEncoding.JSON, self._schemas[kind])
+        return self._channels[known]
 
     def _settle(self) -> None:
         """Where whole chunks were added to the file, put the ending after them."""
@@ -234,7 +262,7 @@ class Recorder:
 class Recording:
     """A recording that was read back; iterating gives (key, message) in the order of recording.
 
-    Iterating reads the file anew, a chunk at a time, and raises RecordingError where it is damaged.
+    Iterating reads the file anew, a chunk at a time, and raises Refusal where it is damaged.
     """
 
     path: Path
@@ -261,12 +289,12 @@ class Recording:
         with _reading(self.path) as reader:
             for schema, channel, record in reader.iter_messages(topics=keys, log_time_order=False):
                 name = _kind_of(schema)
-                if name not in _KINDS:
-                    raise RecordingError(
+                if name not in _KINDS_BY_NAME:
+                    raise Refusal(
                         f"{self.path}: a message of the unknown kind {name!r} on {channel.topic}; "
-                        f"expected one of {', '.join(_KINDS)}: read it with the version that wrote it"
+                        f"expected one of {', '.join(_KINDS_BY_NAME)}: read it with the version that wrote it"
                     )
-                yield channel.topic, _KINDS[name].model_validate_json(record.data)
+                yield channel.topic, _KINDS_BY_NAME[name].model_validate_json(record.data)
 
 
 def _kind_of(schema: Schema | None) -> str:
@@ -277,14 +305,14 @@ def read_recording(path: Path) -> Recording:
     """Open a recording of a run.
 
     Raises:
-        RecordingError: there is no such file, it is not MCAP, it was cut off, it is damaged, or it is not a
+        Refusal: there is no such file, it is not MCAP, it was cut off, it is damaged, or it is not a
             recording of a run.
     """
     with _reading(path) as reader:
         metadata = {record.name: record.metadata for record in reader.iter_metadata()}
         attachments = {record.name: record.data for record in reader.iter_attachments()}
         if FACTS_METADATA not in metadata or SCENARIO_ATTACHMENT not in attachments:
-            raise RecordingError(
+            raise Refusal(
                 f"{path}: an MCAP file, but not the recording of a run: the metadata {FACTS_METADATA!r} and "
                 f"the attachment {SCENARIO_ATTACHMENT!r} are expected in it"
             )
@@ -298,30 +326,30 @@ def _reading(path: Path) -> Iterator[McapReader]:
     try:
         with path.open("rb") as file:
             if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-                raise RecordingError(f"{path}: not an MCAP file: its first bytes are not those of one")
+                raise Refusal(f"{path}: not an MCAP file: its first bytes are not those of one")
             file.seek(max(len(MCAP0_MAGIC), path.stat().st_size - len(MCAP0_MAGIC)))
             if file.read() != MCAP0_MAGIC:
-                raise RecordingError(
+                raise Refusal(
                     f"{path}: the file was cut off: its end is missing; "
                     "the command `mcap recover` can save the messages before the cut"
                 )
             file.seek(0)
             yield make_reader(file, validate_crcs=True)
-    except RecordingError:
+    except Refusal:
         raise
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise Refusal(f"{path}: cannot be read: {error.strerror or error}") from error
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]
         where = ".".join(map(str, (error.title, *first["loc"])))
-        raise RecordingError(
+        raise Refusal(
             f"{path}: holds what this version of the software does not write: {where}: {first['msg']}; "
             "read it with the version that wrote it"
         ) from None
     # Damaged bytes raise the reader's own errors, struct.error, ValueError, KeyError, ZstdError, MemoryError
     # and others: all of them mean the same here.
     except Exception as error:
-        raise RecordingError(
+        raise Refusal(
             f"{path}: the file is damaged: {type(error).__name__}: {error!s:.200}; "
             "the command `mcap doctor` tells more"
         ) from error

@@ -1,18 +1,18 @@
-"""The summary of a run: what ``summary.json`` says."""
+"""The summary of a run: what ``summary.json`` holds, and what the terminal says at the end."""
 
 from array import array
 from collections import Counter
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
 from pydantic import Field
+from rich import box
+from rich.table import Table
 
-from chassis.files import write_whole
-from fleet.record.report_file import Record
-from fleet.record.stream import RefusedMind, Restarted
-from fleet.run.experiment import RunFacts
+from chassis.files import Record
+from fleet.record.experiment import RunFacts
+from fleet.record.recording import RefusedMind, Restarted
 from protocol.messages import Message, Mind, PublicScene, TrueRobot, Truth
 
 
@@ -83,13 +83,8 @@ class Summary(Record):
     robots: tuple[RobotSummary, ...]
     phases_ms: Phases
 
-    def write(self, path: Path) -> None:
-        """Write the JSON file so that it is never seen half written.
 
-        Raises:
-            OSError: it cannot be written; an older file is then left as it was.
-        """
-        write_whole(path, self.model_dump_json(by_alias=True, indent=2) + "\n")
+_FACTS = {"scenario", "goals", "solver", "iterations", "budget_ms", "clock", "seed"}
 
 
 class Tally:
@@ -100,55 +95,36 @@ class Tally:
 
     def __init__(self) -> None:
         self._restarts: Counter[str] = Counter()
-        self._epoch: int | None = None
-        self._begin()
+        self._begin(None)
 
-    def _begin(self) -> None:
+    def _begin(self, epoch: int | None) -> None:
+        self._epoch = epoch
         self._truth: Truth | None = None
         self._robots: dict[str, TrueRobot] = {}
-        self._solver_failures: dict[str, int] = {}
-        self._interventions: dict[str, int] = {}
+        self._minds: dict[str, Mind] = {}
         self._degraded: dict[str, Counter[str]] = {}
         self._refused_minds: dict[str, Counter[str]] = {}
         self._durations_ms = {phase: array("d") for phase in Phases.model_fields}
 
-    def add(self, message: Message) -> None:
-        """Count a truth or a mind, in the order of their steps; other messages tell nothing more."""
-        if isinstance(message, PublicScene | Truth) and message.epoch != self._epoch:
-            self._epoch = message.epoch
-            self._begin()
-        if isinstance(message, Truth):
-            self._truth = message
-            # A robot that has vanished keeps what it had reached.
-            self._robots.update(message.robots)
-        elif isinstance(message, Mind):
-            self._solver_failures[message.robot] = message.solver_failures
-            self._interventions[message.robot] = message.interventions
-            self._degraded.setdefault(message.robot, Counter()).update(message.degraded)
+    def add(self, item: Message | RefusedMind | Restarted) -> None:
+        """Count what a run tells, in the order of its steps; a pose or a command tells nothing more."""
+        if isinstance(item, PublicScene | Truth) and item.epoch != self._epoch:
+            self._begin(item.epoch)
+        if isinstance(item, Truth):
+            self._truth = item
+            self._robots.update(item.robots)  # a robot that has vanished keeps what it had reached
+        elif isinstance(item, Mind):
+            self._minds[item.robot] = item
+            self._degraded.setdefault(item.robot, Counter()).update(item.degraded)
             for phase, durations_ms in self._durations_ms.items():
-                duration_ms = getattr(message.timings_ms, phase)
+                duration_ms = getattr(item.timings_ms, phase)
                 if duration_ms > 0.0:
                     durations_ms.append(duration_ms)
-
-    def refuse(self, refused: RefusedMind) -> None:
-        """Count minds that were not taken."""
-        self._refused_minds.setdefault(refused.robot, Counter())[f"mind: {refused.reason}"] += (
-            refused.how_many
-        )
-
-    def count_restart(self, restarted: Restarted) -> None:
-        """Count a process that was started again."""
-        self._restarts[restarted.process] += 1
-
-    @property
-    def refused(self) -> dict[str, dict[str, int]]:
-        """Messages that were not taken so far, by robot and reason."""
-        counts: dict[str, dict[str, int]] = {}
-        commands = self._truth.refused if self._truth else {}
-        for of_one_kind in (commands, self._refused_minds):
-            for robot, reasons in of_one_kind.items():
-                counts.setdefault(robot, {}).update({str(reason): count for reason, count in reasons.items()})
-        return counts
+        elif isinstance(item, RefusedMind):
+            reasons = self._refused_minds.setdefault(item.robot, Counter())
+            reasons[f"mind: {item.reason}"] += item.how_many
+        elif isinstance(item, Restarted):
+            self._restarts[item.process] += 1
 
     @property
     def clipped_commands(self) -> dict[str, int]:
@@ -156,39 +132,48 @@ class Tally:
         return {name: robot.clipped_commands for name, robot in self._robots.items()}
 
     def summary(self, facts: RunFacts, without_verdict: str = "interrupted") -> Summary:
-        """The run so far.
-
-        Args:
-            facts: what the run is.
-            without_verdict: the verdict where the referee could not give one.
-        """
-        truth = self._truth
+        """The run so far; without the referee's verdict, the given one stands."""
+        truth, robots, minds = self._truth, self._robots, self._minds
+        arrivals_s = [robot.arrived_s for robot in robots.values() if robot.arrived_s is not None]
         return Summary(
-            scenario=facts.scenario,
-            goals=facts.goals,
-            solver=facts.solver,
-            iterations=facts.iterations,
-            budget_ms=facts.budget_ms,
-            clock=facts.clock,
-            seed=facts.seed,
+            **facts.model_dump(include=_FACTS),
             verdict=(truth and truth.verdict) or without_verdict,
-            duration_s=self._duration_s(),
+            duration_s=max(arrivals_s) if arrivals_s and len(arrivals_s) == len(robots) else None,
             steps=truth.step if truth else 0,
             collisions=len(truth.collisions) if truth else 0,
             minimum_distance_m=truth.minimum_distance_m if truth else None,
-            solver_failures=sum(self._solver_failures.values()),
-            deadline_misses=sum(robot.deadline_misses for robot in self._robots.values()),
+            solver_failures=sum(mind.solver_failures for mind in minds.values()),
+            deadline_misses=sum(robot.deadline_misses for robot in robots.values()),
             clipped_commands=sum(self.clipped_commands.values()),
-            refused=self.refused,
-            interventions=sum(self._interventions.values()),
-            degraded=self._degraded_s(truth),
+            refused=self._refused(),
+            interventions=sum(mind.interventions for mind in minds.values()),
+            degraded=self._degraded_s(),
             restarts=dict(self._restarts),
-            robots=tuple(self._robot(name, robot) for name, robot in self._robots.items()),
+            robots=tuple(
+                RobotSummary(
+                    id=name,
+                    arrived_s=robot.arrived_s,
+                    driven_m=robot.driven_m,
+                    solver_failures=minds[name].solver_failures if name in minds else 0,
+                    deadline_misses=robot.deadline_misses,
+                )
+                for name, robot in robots.items()
+            ),
             phases_ms=Phases(**{name: _percentiles(values) for name, values in self._durations_ms.items()}),
         )
 
-    def _degraded_s(self, truth: Truth | None) -> dict[str, dict[str, float]]:
+    def _refused(self) -> dict[str, dict[str, int]]:
+        commands = self._truth.refused if self._truth else {}
+        counts = {
+            robot: {str(reason): count for reason, count in of.items()} for robot, of in commands.items()
+        }
+        for robot, reasons in self._refused_minds.items():
+            counts.setdefault(robot, {}).update(reasons)
+        return counts
+
+    def _degraded_s(self) -> dict[str, dict[str, float]]:
         """Steps in seconds, to the nanosecond."""
+        truth = self._truth
         step_s = truth.time_s / truth.step if truth and truth.step else 0.0
         return {
             robot: {how: round(steps * step_s, 9) for how, steps in sorted(ways.items())}
@@ -196,23 +181,89 @@ class Tally:
             if ways
         }
 
-    def _duration_s(self) -> float | None:
-        arrivals_s = [robot.arrived_s for robot in self._robots.values()]
-        arrived_s = [time_s for time_s in arrivals_s if time_s is not None]
-        return max(arrived_s) if arrived_s and len(arrived_s) == len(arrivals_s) else None
-
-    def _robot(self, name: str, robot: TrueRobot) -> RobotSummary:
-        return RobotSummary(
-            id=name,
-            arrived_s=robot.arrived_s,
-            driven_m=robot.driven_m,
-            solver_failures=self._solver_failures.get(name, 0),
-            deadline_misses=robot.deadline_misses,
-        )
-
 
 def _percentiles(values: Sequence[float]) -> PhaseDurations:
     if not values:
         return PhaseDurations(p50=None, p99=None, max=None)
     p50, p99, most = np.percentile(values, [50.0, 99.0, 100.0]).tolist()
     return PhaseDurations(p50=p50, p99=p99, max=most)
+
+
+NAMED_ROBOTS = 5
+"""More robots than this are counted instead of named."""
+_OPENINGS = {"timeout": "Out of time"}
+
+
+def robot_table(summary: Summary, clipped_commands: Mapping[str, int]) -> Table:
+    """One row a robot and one for the run; fits into 80 columns. Clipped commands are given by robot."""
+    table = Table(box=box.SIMPLE_HEAD, show_footer=len(summary.robots) > 1)
+    table.add_column("Robot", "all", overflow="fold")
+    for header, total in (
+        ("Arrived\nin s", _arrival(summary.duration_s)),
+        ("Driven\nin m", f"{sum(robot.driven_m for robot in summary.robots):.2f}"),
+        ("Solver\nfailures", _count(summary.solver_failures)),
+        ("Deadline\nmisses", _count(summary.deadline_misses)),
+        ("Commands\nclipped", _count(summary.clipped_commands)),
+    ):
+        table.add_column(header, total, justify="right")
+    for robot in summary.robots:
+        counts = (robot.solver_failures, robot.deadline_misses, clipped_commands[robot.id])
+        table.add_row(robot.id, _arrival(robot.arrived_s), f"{robot.driven_m:.2f}", *map(_count, counts))
+    return table
+
+
+def verdict_line(summary: Summary, step_s: float) -> str:
+    """How a run with this Δt in s ended, in a sentence or two of plain text."""
+    opening = _OPENINGS.get(summary.verdict, summary.verdict.capitalize())
+    count = len(summary.robots)
+    if not count:
+        return f"{opening} before the first step."
+    everybody = {1: "The robot", 2: "Both robots"}.get(count, f"All {count} robots")
+    collided = "1 pair" if summary.collisions == 1 else f"{summary.collisions} pairs"
+    distance = ""
+    if summary.minimum_distance_m is not None:
+        distance = f"; smallest distance {summary.minimum_distance_m:.2f} m"
+    if summary.verdict == "arrived" and summary.duration_s is not None:
+        harm = f", but {collided} of robots collided" if summary.collisions else ""
+        unharmed = " without collision" if distance and not harm else ""
+        return f"{everybody} arrived after {summary.duration_s:.1f} s{harm}{unharmed}{distance}."
+    ended = f"after {summary.steps * step_s:.1f} s"
+    progress = _progress(summary) or f"{everybody.lower()} had arrived"
+    if summary.verdict == "collision":
+        return f"Collision of {collided} of robots; {ended} {progress}{distance}."
+    harm = f" {collided} of robots collided." if summary.collisions else ""
+    return f"{opening} {ended}: {progress}{distance}.{harm}"
+
+
+def _progress(summary: Summary) -> str:
+    """Who has not arrived; nothing where all have."""
+    missing = [robot.id for robot in summary.robots if robot.arrived_s is None]
+    if not missing:
+        return ""
+    verb = "never arrived" if summary.verdict == "deadlock" else "had not arrived"
+    if len(missing) == 1:
+        return f"robot {missing[0]} {verb}"
+    if len(missing) > NAMED_ROBOTS:
+        return f"{len(missing)} of {len(summary.robots)} robots {verb}"
+    return f"robots {', '.join(missing[:-1])} and {missing[-1]} {verb}"
+
+
+def remarks(summary: Summary) -> list[str]:
+    """What was not taken of each robot's messages, and how long it drove degraded: nothing if all is well."""
+    refused = [
+        f"Refused of robot {robot}: {', '.join(f'{count} × {reason}' for reason, count in reasons.items())}."
+        for robot, reasons in summary.refused.items()
+    ]
+    degraded = [
+        f"Robot {robot} was degraded: {', '.join(f'{how} {time_s:g} s' for how, time_s in ways.items())}."
+        for robot, ways in summary.degraded.items()
+    ]
+    return refused + degraded
+
+
+def _arrival(time_s: float | None) -> str:
+    return "[red]–[/]" if time_s is None else f"{time_s:.1f}"
+
+
+def _count(number: int) -> str:
+    return f"[yellow]{number}[/]" if number else "0"

@@ -15,14 +15,13 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from chassis.files import write_whole
 from chassis.refusal import ExitStatus, Refusal
 from fleet.evaluate.results import DIED, FAILED, Row, read_evaluation, read_rows
-from fleet.interruption import Interruption
+from fleet.interruption import Interruption, announced, compile_solver
+from fleet.record.experiment import SHARING
 from fleet.record.picture import Course, draw_paths
 from fleet.record.summary import Summary, Tally
 from fleet.report.data import Data
 from fleet.report.figures import Picture
 from fleet.report.page import PREFIX, Page, WorstRun, compose
-from fleet.run.experiment import SHARING
-from fleet.run.progress import announced, compile_solver
 from fleet.run.virtual import closed_loop
 from protocol.scenario import scenario_text
 

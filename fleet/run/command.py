@@ -10,19 +10,20 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from agent.process.options import DecisionOptions
 from chassis.options import with_options
 from chassis.refusal import ExitStatus, Refusal
-from fleet.interruption import Interruption
+from fleet.interruption import Interruption, announced
+from fleet.record.experiment import VIRTUAL, Experiment, prepare
 from fleet.record.output import Output
-from fleet.record.stream import BusMessage, StreamItem
-from fleet.record.verdict import degradation_lines, refusal_lines, robot_table, verdict_line
+from fleet.record.recording import BusMessage, StreamItem
+from fleet.record.summary import remarks, robot_table, verdict_line
 from fleet.run import virtual
-from fleet.run.experiment import VIRTUAL, Experiment, prepare
-from fleet.run.live import run_processes
-from fleet.run.progress import RunProgress, announced
-from fleet.run.supervisor import Restart
+from fleet.run.launch import run_processes
+from fleet.run.processes import Restart
+from protocol.messages import Truth
 from world.clock import ClockKind
 
 Stream = Callable[[Path, Interruption], Iterator[StreamItem]]
@@ -32,14 +33,8 @@ ScenarioArgument = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="A scenario file, or the name of a bundled one such as 8a.")
 ]
 SeedOption = Annotated[int, typer.Option(min=0, metavar="N", help="Of sensor noise and dropouts.")]
-FaultsOption = Annotated[
-    Path | None,
-    typer.Option(
-        help="A file of faults that are to befall the run, besides those of the scenario.",
-        metavar="FILE",
-        dir_okay=False,
-    ),
-]
+FAULTS_HELP = "A file of faults that are to befall the run, besides those of the scenario."
+FaultsOption = Annotated[Path | None, typer.Option(help=FAULTS_HELP, metavar="FILE", dir_okay=False)]
 OutOption = Annotated[
     Path | None,
     typer.Option(
@@ -127,11 +122,17 @@ def conduct(experiment: Experiment, out: Path | None, stream: Stream, begin: str
     name = re.sub(r"[^\w.-]", "-", facts.scenario)  # it may hold anything, a slash too
     directory = out or Path("runs") / f"{name}-{facts.goals}-{datetime.now():%Y%m%d-%H%M%S}"
     console = Console(highlight=False)
+    columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
     with Interruption() as interruption:
         output = Output(directory, experiment)
         try:
-            with output, RunProgress(console, announced(begin)) as progress:
-                _follow(stream(output.logs, interruption), output, progress, interruption)
+            with output, Progress(*columns, console=console) as progress:
+                line = progress.add_task(announced(begin), total=None)
+
+                def show(truth: Truth) -> None:
+                    progress.update(line, description=_progress(truth))
+
+                _follow(stream(output.logs, interruption), output, show, interruption)
         except KeyboardInterrupt:
             pass  # the verdict says so
         except Refusal as refusal:
@@ -144,10 +145,9 @@ def conduct(experiment: Experiment, out: Path | None, stream: Stream, begin: str
         if summary.robots:
             console.print(robot_table(summary, output.tally.clipped_commands))
         console.print(verdict_line(summary, experiment.scenario.step_s))
-        for line in (*refusal_lines(summary), *degradation_lines(summary)):
-            console.print(line, markup=False, soft_wrap=True)
         written = ", ".join(sorted(path.name for path in output.directory.iterdir()))
-        console.print(f"Recorded in {output.directory}: {written}", markup=False, soft_wrap=True)
+        for remark in (*remarks(summary), f"Recorded in {output.directory}: {written}"):
+            console.print(remark, markup=False, soft_wrap=True)
         if failure is not None:
             raise failure
     if summary.verdict != "arrived":
@@ -155,13 +155,23 @@ def conduct(experiment: Experiment, out: Path | None, stream: Stream, begin: str
 
 
 def _follow(
-    messages: Iterator[StreamItem], output: Output, progress: RunProgress, interruption: Interruption
+    messages: Iterator[StreamItem],
+    output: Output,
+    show: Callable[[Truth], None],
+    interruption: Interruption,
 ) -> None:
     """Take every message, until the user insists on the end."""
     with closing(messages):  # type: ignore[type-var]  # generators, whose closing ends the processes
         for item in messages:
             output.take(item)
-            if isinstance(item, BusMessage):
-                progress.show(item.message)
+            if isinstance(item, BusMessage) and isinstance(item.message, Truth):
+                show(item.message)
             if interruption.insisted:
                 return
+
+
+def _progress(truth: Truth) -> str:
+    arrived = sum(robot.arrived_s is not None for robot in truth.robots.values())
+    closest = "" if truth.minimum_distance_m is None else f" · closest {truth.minimum_distance_m:.2f} m"
+    hit = f" · [red]{len(truth.collisions)} collided[/]" if truth.collisions else ""
+    return f"step {truth.step} · {truth.time_s:.1f} s · {arrived}/{len(truth.robots)} arrived{closest}{hit}"

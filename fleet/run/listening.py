@@ -3,7 +3,7 @@
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from queue import Empty, SimpleQueue
 from typing import NamedTuple
 
@@ -13,9 +13,8 @@ import zenoh
 from chassis.refusal import ExitStatus, Refusal
 from fleet.inject.process_faults import WORLD, ProcessFaults
 from fleet.interruption import Interruption
-from fleet.record.stream import KINDS, TOO_MANY, BusMessage, RefusedMind, Restarted, StreamItem
-from fleet.run.processes import Processes
-from fleet.run.supervisor import Supervisor
+from fleet.record.recording import KINDS, TOO_MANY, BusMessage, RefusedMind, Restarted, StreamItem
+from fleet.run.processes import Processes, Supervisor
 from protocol.codec import MessageError, decode
 from protocol.keys import Keys
 from protocol.messages import Command, Message, Mind, PublicScene, Truth
@@ -47,10 +46,12 @@ class Received(NamedTuple):
 class Mailbox:
     """Messages come in on any thread and are taken on one, in their order.
 
-    What the world says is never lost. Of each robot's messages a bounded amount waits.
+    What the world says is never lost. Of each robot's messages a bounded amount waits. The clock that says
+    when a message came is the caller's choice.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, keys: Keys, now_ns: Callable[[], int] = time.time_ns) -> None:
+        self._keys, self._now_ns = keys, now_ns
         self._waiting: SimpleQueue[tuple[str | None, Received]] = SimpleQueue()
         self._lock = threading.Lock()
         self._waiting_bytes: Counter[str] = Counter()
@@ -62,9 +63,12 @@ class Mailbox:
         with self._lock:
             return dict(self._lost)
 
-    def put(self, sender: str | None, received: Received) -> None:
-        """A message has come; None: from the world."""
-        if sender is not None:
+    def put(self, sample: zenoh.Sample) -> None:
+        """A message has come."""
+        received = self._received(str(sample.key_expr), sample)
+        sender = None
+        if self._keys.kind_of(received.key) in ("command", "mind"):
+            sender = self._keys.robot_of(received.key)
             with self._lock:
                 if self._waiting_bytes[sender] > MOST_WAITING_BYTES:
                     self._lost[sender] += 1
@@ -84,20 +88,22 @@ class Mailbox:
                 self._waiting_bytes[sender] -= len(received.payload) + OVERHEAD_BYTES
         return received
 
-    def empty(self) -> bool:
-        """Whether nothing waits."""
-        return self._waiting.empty()
+    def ask_for_scene(self, session: zenoh.Session) -> Received | None:
+        """The world's answer; None where there is none yet."""
+        replies = session.get(self._keys.scene, timeout=SCENE_TIMEOUT_S)
+        answers = (self._received(self._keys.scene, reply.ok) for reply in replies if reply.ok is not None)
+        return next(answers, None)
+
+    def _received(self, key: str, sample: zenoh.Sample) -> Received:
+        return Received(key, sample.payload.to_bytes(), self._now_ns())
 
 
 class Decoder:
-    """Decodes and checks what comes, in its order.
+    """Decodes and checks what comes of a run, in its order.
 
     A robot may put anything on its command and its mind key, as often as it likes; the bench keeps the first
     valid message of each kind for a step, of the present world, under the robot's own name. Minds that it
     does not keep are counted here; commands are counted by the world, which follows the same rule.
-
-    Args:
-        keys: of the run.
     """
 
     def __init__(self, keys: Keys) -> None:
@@ -180,9 +186,9 @@ class Outstanding:
         if isinstance(message, Command):
             self._answered[message.robot] = (message.epoch, message.step)
         elif isinstance(message, Truth):
-            before, self._truth = self._truth, message
-            steps = obeyed(before, message) if before is not None else {}
+            steps = {} if self._truth is None else obeyed(self._truth, message)
             self._due = {robot: (message.epoch, step) for robot, step in steps.items()}
+            self._truth = message
 
     def on_their_way(self) -> bool:
         """Whether a command that led to the newest truth has not been taken."""
@@ -190,14 +196,9 @@ class Outstanding:
 
 
 class Subscriber:
-    """Listens to a run. Callbacks only store; everything else happens where the messages are taken.
+    """Listens to a run, and looks after its processes, its faults and interruptions while it waits.
 
-    Args:
-        run: its name.
-        processes: of the run.
-        supervisor: says which of them have ended for good.
-        faults: makes them fail.
-        interruption: looked at while waiting.
+    Callbacks only store; everything else happens where the messages are taken.
     """
 
     def __init__(
@@ -211,7 +212,7 @@ class Subscriber:
         self._keys = Keys(run)
         self._processes, self._supervisor, self._faults = processes, supervisor, faults
         self._interruption = interruption
-        self._mailbox = Mailbox()
+        self._mailbox = Mailbox(self._keys)
         self._decoder = Decoder(self._keys)
         self._outstanding = Outstanding()
         self._begun = False
@@ -236,9 +237,8 @@ class Subscriber:
         try:
             session = opening.wait(look, every_s=LOOK_S)
         except zenoh.ZError as error:
-            raise Refusal(
-                f"the bench cannot reach its world: {reason_of(error)}", ExitStatus.FAILED
-            ) from error
+            sentence = f"the bench cannot reach its world: {reason_of(error)}"
+            raise Refusal(sentence, ExitStatus.FAILED) from error
         assert session is not None, "nobody stops this opening"
         return session
 
@@ -248,7 +248,7 @@ class Subscriber:
         The world's answer shows that it knows of the subscription, which was declared before the question.
         """
         self._session = session
-        self._subscriber = session.declare_subscriber(self._keys.everything, self._store)
+        self._subscriber = session.declare_subscriber(self._keys.everything, self._mailbox.put)
         yield from self._scene()
         while self._scene_due:
             self._give_up_without_processes()
@@ -299,13 +299,10 @@ class Subscriber:
 
     def _scene(self) -> Iterator[StreamItem]:
         """The scene, if the world answers already."""
-        for reply in self._session.get(self._keys.scene, timeout=SCENE_TIMEOUT_S):
-            if reply.ok is not None:
-                payload = reply.ok.payload.to_bytes()
-                for item in self._taken(Received(self._keys.scene, payload, time.time_ns())):
-                    self._scene_due = False
-                    yield item
-                return
+        if (received := self._mailbox.ask_for_scene(self._session)) is not None:
+            for item in self._taken(received):
+                self._scene_due = False
+                yield item
 
     def _overtaken(self) -> Iterator[StreamItem]:
         """Messages until the last command is there, or none has come for a while."""
@@ -315,12 +312,6 @@ class Subscriber:
             except Empty:
                 log.warning("the recording lacks commands of the last step")
                 return
-
-    def _store(self, sample: zenoh.Sample) -> None:
-        key = str(sample.key_expr)
-        of_robot = self._keys.kind_of(key) in ("command", "mind")
-        received = Received(key, sample.payload.to_bytes(), time.time_ns())
-        self._mailbox.put(self._keys.robot_of(key) if of_robot else None, received)
 
     def _taken(self, received: Received) -> Iterator[BusMessage | RefusedMind]:
         """What there is to say of a message, if anything."""

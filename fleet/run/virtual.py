@@ -24,10 +24,9 @@ from fleet.inject.mind_faults import MIND_FAULTS
 from fleet.inject.process_faults import DownFault, RestartWorld
 from fleet.inject.robot import FaultyMind
 from fleet.inject.scenario import Scenario, effective
-from fleet.interruption import Interruption
-from fleet.record.stream import BusMessage
-from fleet.run.experiment import Experiment, RunFacts
-from fleet.run.progress import compile_solver
+from fleet.interruption import Interruption, compile_solver
+from fleet.record.experiment import Experiment, RunFacts
+from fleet.record.recording import BusMessage
 from protocol.codec import encode
 from protocol.keys import Keys
 from protocol.messages import Command, Observation, PublicScene, Truth
@@ -75,7 +74,7 @@ def closed_loop(
     for epoch in count(EPOCH):
         world = World(driven, seed=facts.seed, epoch=epoch)
         judge = Judge(world, SILENT)
-        robots = {robot.id: _robot(robot, scene, facts, faults, clock, epoch) for robot in scenario.robots}
+        robots = {robot.id: _Robot(robot, scene, facts, faults, clock, epoch) for robot in scenario.robots}
         for total_step in total_steps:
             truth, observations = world.truth(judge.refused), world.observations()
             if world.over:
@@ -119,15 +118,40 @@ def agent_of(robot: ScenarioRobot, scene: Scene, facts: RunFacts, clock: Clock, 
 
 
 class _Robot:
-    """A robot in one epoch of the world; whatever is said reaches whom it is for, as it was said."""
+    """A robot in one epoch of the world.
 
-    def __init__(self, name: str, make_mind: Callable[[], Decides]) -> None:
-        self._name = name
+    Without faults, whatever is said reaches whom it is for, as it was said. With faults, it goes as bytes
+    over a link that has them, and the process may be down, and then begin anew.
+    """
+
+    def __init__(
+        self,
+        robot: ScenarioRobot,
+        scene: Scene,
+        facts: RunFacts,
+        faults: Sequence[Scheduled[Fault]],
+        clock: Clock,
+        epoch: int,
+    ) -> None:
+        own = of_kind(faults, (*LINK_FAULTS, *MIND_FAULTS, DownFault), robot.id)
+        self._name, self._epoch = robot.id, epoch
+        self._link = Link(own, robot.id, scene) if own else None
+        self._down_faults = of_kind(own, DownFault)
+        self._is_killed = False
+
+        def make_mind() -> Decides:
+            if of_kind(own, MIND_FAULTS):
+                return FaultyMind(robot.id, robot.goal_pose(), scene, own, facts, clock)
+            return agent_of(robot, scene, facts, clock, Deadline(clock, facts.budget_s))
+
         self._make_mind = make_mind
-        self._mind = make_mind()
+        self._begin()
+
+    def _begin(self) -> None:
+        self._inbox, self._mind = Inbox(SILENT), self._make_mind()
 
     def step(
-        self, _total_step: int, observation: Observation | None, judge: Judge
+        self, total_step: int, observation: Observation | None, judge: Judge
     ) -> tuple[Decision | None, tuple[Command, ...]]:
         """Take part in a step.
 
@@ -139,37 +163,15 @@ class _Robot:
         Returns:
             The robot's decision, None where it made none; and what of it reached the world.
         """
-        decision = None if observation is None else self._mind.decide(observation)
-        if decision is None:
-            return None, ()
-        judge.take(self._name, decision.command)
-        return decision, (decision.command,)
-
-
-class _FaultyRobot(_Robot):
-    """What is said goes as bytes over a link with faults; the process may be down, and then begin anew."""
-
-    def __init__(
-        self,
-        name: str,
-        make_mind: Callable[[], Decides],
-        scene: Scene,
-        faults: Sequence[Scheduled[Fault]],
-        epoch: int,
-    ) -> None:
-        super().__init__(name, make_mind)
-        self._epoch = epoch
-        self._link = Link(faults, name, scene)
-        self._inbox = Inbox(SILENT)
-        self._down_faults = of_kind(faults, DownFault)
-        self._is_killed = False
-
-    def step(
-        self, total_step: int, observation: Observation | None, judge: Judge
-    ) -> tuple[Decision | None, tuple[Command, ...]]:
         runs = self._runs(total_step)
         if observation is None:
             return None, ()
+        if self._link is None:
+            decision = self._mind.decide(observation)
+            if decision is None:
+                return None, ()
+            judge.take(self._name, decision.command)
+            return decision, (decision.command,)
         due, delivery = self._link.due(observation.step), self._link.observed(observation)
         decision = self._decide(delivery.payloads) if runs else None
         said = () if decision is None else self._link.commanded(encode(decision.command))
@@ -181,7 +183,7 @@ class _FaultyRobot(_Robot):
         down = [each.fault for each in self._down_faults if each.is_on(total_step)]
         was_killed, self._is_killed = self._is_killed, any(fault.forgets for fault in down)
         if was_killed and not self._is_killed:
-            self._inbox, self._mind = Inbox(SILENT), self._make_mind()
+            self._begin()
         return not down
 
     def _decide(self, payloads: Sequence[bytes]) -> Decision | None:
@@ -191,25 +193,6 @@ class _FaultyRobot(_Robot):
         if not isinstance(newest, Observation) or newest.epoch != self._epoch:
             return None  # a process asks the world for its epoch, and stays in the one that it has joined
         return self._mind.decide(newest)
-
-
-def _robot(
-    robot: ScenarioRobot,
-    scene: Scene,
-    facts: RunFacts,
-    faults: Sequence[Scheduled[Fault]],
-    clock: Clock,
-    epoch: int,
-) -> _Robot:
-    """A robot with the faults that befall it."""
-    own = of_kind(faults, (*LINK_FAULTS, *MIND_FAULTS, DownFault), robot.id)
-
-    def make_mind() -> Decides:
-        if not of_kind(own, MIND_FAULTS):
-            return agent_of(robot, scene, facts, clock, Deadline(clock, facts.budget_s))
-        return FaultyMind(robot.id, robot.goal_pose(), scene, own, facts, clock)
-
-    return _FaultyRobot(robot.id, make_mind, scene, own, epoch) if own else _Robot(robot.id, make_mind)
 
 
 def simulate(experiment: Experiment, interruption: Interruption) -> Iterator[BusMessage]:

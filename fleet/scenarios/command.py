@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 
 from fleet.inject.scenario import Scenario
-from fleet.record.tables import new_table
+from fleet.record.report import new_table
 from fleet.scenarios.suite import FamilyName, load_suite, write_suite
 from fleet.scenarios.suite import generate as generated
 from protocol.scene import MAX_ROBOTS

@@ -11,8 +11,8 @@ import zenoh
 
 from chassis.refusal import ExitStatus, Refusal
 from fleet.interruption import Interruption
-from fleet.record.address import Address
-from fleet.record.stream import BusMessage
+from fleet.record.recording import BusMessage
+from fleet.run.launch import Address
 from fleet.run.listening import Decoder, Mailbox, Received
 from fleet.status.standing import Standing, Status
 from protocol.codec import MessageError
@@ -23,7 +23,6 @@ from protocol.session import Opening, client_session, reason_of
 POLL_S: Final = 0.1
 CONNECT_S: Final = 5.0
 """For the world to let us in, and to answer."""
-SCENE_TIMEOUT_S: Final = 1.0
 REFRESH_S: Final = 0.5
 ONCE_S: Final = 2.0
 """Time to listen before a single look: times and rates are of what came."""
@@ -35,13 +34,7 @@ GoesOn = Callable[[Status], bool]
 
 
 class Listener:
-    """One run, as far as it is heard.
-
-    Args:
-        session: with the world.
-        run: its name.
-        interruption: the wish to leave.
-    """
+    """One run, as far as it is heard in a session with its world."""
 
     def __init__(self, session: zenoh.Session, run: str, interruption: Interruption) -> None:
         self._standing = Standing(run)
@@ -49,11 +42,11 @@ class Listener:
         self._session = session
         self._keys = Keys(run)
         self._decoder = Decoder(self._keys)
-        self._mailbox = Mailbox()
+        self._mailbox = Mailbox(self._keys, time.monotonic_ns)
         self._presence: SimpleQueue[tuple[str, bool]] = SimpleQueue()
         # The literal key of all: robots know of this one reader only, and publish their minds for it.
         self._declared = (
-            session.declare_subscriber(self._keys.everything, self._store),
+            session.declare_subscriber(self._keys.everything, self._mailbox.put),
             session.liveliness().declare_subscriber(
                 self._keys.everyone_alive, self._store_presence, history=True
             ),
@@ -61,11 +54,9 @@ class Listener:
 
     def ask_for_scene(self) -> bool:
         """Take in the scene; whether the world has answered."""
-        for reply in self._session.get(self._keys.scene, timeout=SCENE_TIMEOUT_S):
-            if reply.ok is not None:
-                self._take(Received(self._keys.scene, reply.ok.payload.to_bytes(), time.monotonic_ns()))
-                return True
-        return False
+        if (received := self._mailbox.ask_for_scene(self._session)) is not None:
+            self._take(received)
+        return received is not None
 
     def look(self) -> Status:
         """One look, after some listening."""
@@ -106,19 +97,14 @@ class Listener:
                 continue
 
     def _take(self, received: Received) -> None:
+        if self._keys.kind_of(received.key) == "pose":  # which says nothing about how anybody is
+            return
         try:
             item = self._decoder.take(received)
         except (MessageError, KeyError):  # the bench reports it; here it changes nothing
             return
         if isinstance(item, BusMessage):
             self._standing.take(item.message, item.time_ns / 1e9)
-
-    def _store(self, sample: zenoh.Sample) -> None:
-        key = str(sample.key_expr)
-        kind = self._keys.kind_of(key)
-        if kind != "pose":
-            sender = self._keys.robot_of(key) if kind in ("command", "mind") else None
-            self._mailbox.put(sender, Received(key, sample.payload.to_bytes(), time.monotonic_ns()))
 
     def _store_presence(self, sample: zenoh.Sample) -> None:
         robot = self._keys.robot_of(str(sample.key_expr))
@@ -142,17 +128,18 @@ def listening(address: Address, identity: Identity, interruption: Interruption) 
     try:
         opening.begin(client_session(endpoint, identity, CONNECT_S))
     except zenoh.ZError as error:
-        text = f"the endpoint {endpoint} cannot be used: {reason_of(error)}"
-        raise Refusal(text, ExitStatus.FAILED) from error
+        sentence = f"the endpoint {endpoint} cannot be used: {reason_of(error)}"
+        raise Refusal(sentence, ExitStatus.FAILED) from error
     try:
         session = opening.wait(look, every_s=POLL_S)
     except zenoh.ZError as error:  # a world that is not there, or one that refuses: Zenoh does not say which
-        refused = (
-            f"the world at {endpoint} refuses us: the bench's password, in --password-file, or its keys, in "
-            "--keys, are expected"
-        )
-        text = refused if is_listened_at(endpoint) else f"there is no world at {endpoint}"
-        raise Refusal(text, ExitStatus.FAILED) from error
+        sentence = f"there is no world at {endpoint}"
+        if is_listened_at(endpoint):
+            sentence = (
+                f"the world at {endpoint} refuses us: the bench's password, in --password-file, or its keys, "
+                "in --keys, are expected"
+            )
+        raise Refusal(sentence, ExitStatus.FAILED) from error
     assert session is not None, "nobody stops this opening"
     with session:
         listener = Listener(session, address.run, interruption)

@@ -110,11 +110,7 @@ class _Robot:
 
 
 class Standing:
-    """Takes the valid messages of a run, as :class:`fleet.run.listening.Decoder` gives them.
-
-    Args:
-        run: its name.
-    """
+    """Takes the valid messages of a run, as :class:`fleet.run.listening.Decoder` gives them."""
 
     def __init__(self, run: str) -> None:
         self._run = run
@@ -151,16 +147,12 @@ class Standing:
             robot.mind, robot.decided_s = message, now_s
             robot.decide_ms.add(now_s, message.timings_ms.decide)
         elif isinstance(message, Command) and self._truth is not None and message.step == self._truth.step:
-            robot = self._robots[message.robot]
-            robot.lag_ms.add(now_s, 1000.0 * (now_s - self._truth_s))
+            self._robots[message.robot].lag_ms.add(now_s, 1000.0 * (now_s - self._truth_s))
 
     def status(self, now_s: float) -> Status:
         """How everybody is at a time."""
-        return Status(
-            run=self._run,
-            world=self._of_world(now_s),
-            robots=tuple(self._of_robot(name, robot, now_s) for name, robot in self._robots.items()),
-        )
+        robots = tuple(self._of_robot(name, robot, now_s) for name, robot in self._robots.items())
+        return Status(run=self._run, world=self._of_world(now_s), robots=robots)
 
     def _of_world(self, now_s: float) -> WorldStatus:
         truth = self._truth

@@ -5,7 +5,7 @@ import signal
 
 from process_helpers import endless, recorded, until
 
-from fleet.record.recording import RecordingError
+from chassis.refusal import Refusal
 
 
 def ends_as_interrupted(run, children):
@@ -42,7 +42,7 @@ def test_a_signal_ends_a_simulation(tmp_path, bench):
     def has_begun():
         try:
             return len(recorded(simulation.out)) > 1
-        except RecordingError:
+        except Refusal:
             return False
 
     until(has_begun, "the first recorded step")

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from process_helpers import PATIENCE_S, UNSPOKEN, endless, lanes, until, write_scenario
 
-from fleet.record.address import FILE
+from fleet.run.launch import FILE
 from protocol.identity import new_passwords, write_password, write_users
 
 pytestmark = pytest.mark.slow

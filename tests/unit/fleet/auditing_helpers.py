@@ -12,9 +12,8 @@ from agent.solve import Deadline
 from fleet.audit.recorded import open_run
 from fleet.audit.replay import Audit, Report
 from fleet.interruption import Interruption
-from fleet.record.recording import Recorder
-from fleet.record.stream import BusMessage
-from fleet.run.experiment import Experiment, prepare
+from fleet.record.experiment import Experiment, prepare
+from fleet.record.recording import BusMessage, Recorder
 from fleet.run.virtual import EPOCH, agent_of, simulate
 from protocol.keys import Keys
 from protocol.messages import Command, Message, PublicScene

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from fleet.cli import app
 from fleet.evaluate import running
 from fleet.evaluate.evaluation import Evaluation
-from fleet.record.machine import this_machine
+from fleet.record.report import this_machine
 from fleet.scenarios.suite import load_suite
 
 SHORT = {

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from fleet.inject.fault import KINDS, schedule
 from fleet.inject.link import Link
 from fleet.inject.scenario import FaultFile, Scenario
-from fleet.run.experiment import RunFacts
+from fleet.record.experiment import RunFacts
 from fleet.run.virtual import Step, closed_loop
 from protocol.codec import MessageError, decode, encode
 from protocol.messages import Command, Observation, State, Truth

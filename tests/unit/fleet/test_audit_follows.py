@@ -26,8 +26,8 @@ from fleet.audit.command import conclusion
 from fleet.audit.recorded import open_run
 from fleet.audit.replay import Audit, Tally
 from fleet.interruption import Interruption
-from fleet.record.stream import BusMessage
-from fleet.run.experiment import Experiment
+from fleet.record.experiment import Experiment
+from fleet.record.recording import BusMessage
 from fleet.run.virtual import simulate
 from protocol.messages import Command, Mind, Truth
 

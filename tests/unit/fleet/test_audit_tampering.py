@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,8 @@ from auditing_helpers import MEETING, STEPS, audited, experiment_of, simulated, 
 from fleet.audit.command import conclusion
 from fleet.audit.recorded import compared, open_run
 from fleet.audit.replay import Report, RobotReplay
-from fleet.record.stream import BusMessage
-from fleet.run.experiment import Experiment
+from fleet.record.experiment import Experiment
+from fleet.record.recording import BusMessage
 from protocol.keys import Keys
 from protocol.messages import Accuracy, Observation, State
 from protocol.scene import Scene
@@ -156,7 +157,7 @@ def test_a_change_of_one_bit_is_told_with_both_values_and_another_version_of_the
     )
     assert "version" not in conclusion(report)
     facts = experiment.facts.model_copy(update={"version": "0.0.0"})
-    other = Experiment(experiment.path, experiment.scenario, facts)
+    other = replace(experiment, facts=facts)
     assert "recorded with version 0.0.0" in conclusion(audit(messages, other))
 
 

@@ -5,9 +5,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import pytest
+from run_helpers import truth
 
 from fleet.faults.attribution import Avoidable, avoidable_collisions
-from protocol.messages import State, Truth
+from protocol.messages import State
 from protocol.scene import PublicRobot, Scene
 from protocol.vehicle import STANDSTILL, Input, Limits, braking_input
 from world.vehicle import VehicleState, drive
@@ -80,11 +81,11 @@ def _keeps_clear(moving: Moving | None, other: Way, since: int) -> bool:
 
 
 @pytest.fixture
-def blamed(make_truth: Callable[..., Truth]) -> Callable[..., list[Avoidable]]:
+def blamed() -> Callable[..., list[Avoidable]]:
     def of(ways: Mapping[str, Way], healthy: str = "ab") -> list[Avoidable]:
         contact = contact_of(ways["a"], ways["b"])
         truths = [
-            make_truth(
+            truth(
                 step,
                 {name: _told(each[step]) for name, each in ways.items() if each[step]},
                 collisions=(("a", "b"),) if step >= contact else (),
@@ -172,7 +173,5 @@ def test_who_brakes_later_than_it_could_have_is_to_blame(blamed: Blamed) -> None
     assert (found.robot, found.last_chance) == ("b", in_vain - 1)
 
 
-def test_a_run_without_a_collision_is_nobodys(make_truth: Callable[..., Truth]) -> None:
-    assert (
-        avoidable_collisions([make_truth(step, {"a": {}, "b": {}}) for step in range(5)], SCENE, "ab") == []
-    )
+def test_a_run_without_a_collision_is_nobodys() -> None:
+    assert avoidable_collisions([truth(step, {"a": {}, "b": {}}) for step in range(5)], SCENE, "ab") == []

@@ -13,8 +13,8 @@ import protocol.scenario
 from agent.process.options import DecisionOptions
 from fleet.cli import app
 from fleet.inject.scenario import load_scenario
+from fleet.record.experiment import prepare
 from fleet.record.recording import Recording, read_recording
-from fleet.run.experiment import prepare
 from protocol.messages import Command, PublicScene, Truth
 
 LOSSY = [{"kind": "loss", "rate": 1.0, "robots": [1], "start_s": 0.1}]
@@ -121,5 +121,5 @@ def test_a_run_with_faults_is_not_repeated(command: tuple[str, ...]) -> None:
 def test_an_experiment_knows_its_file_of_faults() -> None:
     experiment = prepare("short.yaml", DecisionOptions(), clock="virtual", seed=0, faults=Path("faults.yaml"))
     assert experiment.facts.faults == len(experiment.scenario.faults) == 1
-    Path("kept.yaml").write_text(experiment.scenario_text())
+    Path("kept.yaml").write_text(experiment.text)
     assert load_scenario(Path("kept.yaml")) == experiment.scenario

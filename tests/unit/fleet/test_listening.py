@@ -1,55 +1,51 @@
 """The bench's side of a run: what it takes of what comes, what it still waits for, and how it ends."""
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from run_helpers import EPOCH, KEYS, command, mind, truth
 from structlog.testing import capture_logs
 
 from chassis.refusal import Refusal
 from fleet.inject.process_faults import WORLD
-from fleet.record.stream import BusMessage, RefusedMind
+from fleet.record.recording import BusMessage, RefusedMind
 from fleet.run.listening import MOST_WAITING_BYTES, Decoder, Mailbox, Outstanding, Received, Subscriber
 from protocol.codec import MessageError, encode
-from protocol.keys import Keys
-from protocol.messages import Command, Message, Truth
-
-MakeTruth = Callable[..., Truth]
-KEYS = Keys("test")
-EPOCH = 7
+from protocol.messages import Message, Truth
 
 
 def received(key: str, message: Message | bytes) -> Received:
     return Received(key, message if isinstance(message, bytes) else encode(message), 1)
 
 
-def command(robot: str, step: int, epoch: int = EPOCH) -> Command:
-    return Command(epoch=epoch, robot=robot, step=step, turn_rate_radps=0.0, acceleration_mps2=0.0)
+def sample(key: str, payload: bytes) -> Any:
+    return SimpleNamespace(key_expr=key, payload=SimpleNamespace(to_bytes=lambda: payload))
 
 
 @pytest.fixture
-def decoder(make_truth: MakeTruth) -> Decoder:
+def decoder() -> Decoder:
     """At step 5."""
     decoder = Decoder(KEYS)
-    decoder.take(received(KEYS.truth, make_truth(5, {"a": {}, "b": {}})))
+    decoder.take(received(KEYS.truth, truth(5, {"a": {}, "b": {}})))
     return decoder
 
 
-def test_one_mind_a_step_is_kept_and_what_else_comes_is_counted(decoder: Decoder, make_mind: Any) -> None:
-    good = make_mind("a", 5)
+def test_one_mind_a_step_is_kept_and_what_else_comes_is_counted(decoder: Decoder) -> None:
+    good = mind("a", 5)
     for key, message, expected in (
         ("a", good, None),
         ("a", good, "answers a step again"),
-        ("a", make_mind("a", 4), "answers a step again"),
-        ("a", make_mind("a", 7), "answers another step"),
-        ("a", make_mind("b", 6), "names another robot"),
-        ("a", make_mind("a", 6).model_copy(update={"epoch": EPOCH + 1}), "answers another epoch"),
+        ("a", mind("a", 4), "answers a step again"),
+        ("a", mind("a", 7), "answers another step"),
+        ("a", mind("b", 6), "names another robot"),
+        ("a", mind("a", 6, epoch=EPOCH + 1), "answers another epoch"),
         ("a", b"\xc1", "not a valid message"),
         ("a", bytes(300_000), "not a valid message"),
-        ("b", make_mind("b", 5), None),  # robots are judged by themselves
-        ("a", make_mind("a", 6), None),  # a quick one: its truth comes after its poses
+        ("b", mind("b", 5), None),  # robots are judged by themselves
+        ("a", mind("a", 6), None),  # a quick one: its truth comes after its poses
     ):
         taken = decoder.take(received(KEYS.mind(key), message))
         kept = BusMessage(KEYS.mind(key), message, 1)
@@ -63,14 +59,14 @@ def test_commands_are_kept_by_the_same_rule_and_counted_by_the_world(decoder: De
         assert decoder.take(received(KEYS.command("a"), message)) is None
 
 
-def test_in_a_new_world_steps_begin_anew(decoder: Decoder, make_truth: MakeTruth, make_mind: Any) -> None:
-    decoder.take(received(KEYS.mind("a"), make_mind("a", 5)))
+def test_in_a_new_world_steps_begin_anew(decoder: Decoder) -> None:
+    decoder.take(received(KEYS.mind("a"), mind("a", 5)))
     new = {"epoch": EPOCH + 1}
-    decoder.take(received(KEYS.truth, make_truth(0, {"a": {}}).model_copy(update=new)))
-    first, far = (make_mind("a", step).model_copy(update=new) for step in (0, 5))
+    decoder.take(received(KEYS.truth, truth(0, {"a": {}}).model_copy(update=new)))
+    first, far = (mind("a", step).model_copy(update=new) for step in (0, 5))
     assert decoder.take(received(KEYS.mind("a"), first)) == BusMessage(KEYS.mind("a"), first, 1)
     assert decoder.take(received(KEYS.mind("a"), far)) == RefusedMind("a", "answers another step")
-    assert decoder.take(received(KEYS.truth, make_truth(6, {"a": {}}))) is None, "that world is gone"
+    assert decoder.take(received(KEYS.truth, truth(6, {"a": {}}))) is None, "that world is gone"
 
 
 def test_what_the_world_says_wrongly_is_an_error(decoder: Decoder) -> None:
@@ -79,25 +75,25 @@ def test_what_the_world_says_wrongly_is_an_error(decoder: Decoder) -> None:
 
 
 def test_a_robots_flood_is_bounded_counted_and_pushes_out_nothing_of_others() -> None:
-    mailbox, large = Mailbox(), bytes(200_000)
+    mailbox, large = Mailbox(KEYS), bytes(200_000)
+    a, b = KEYS.mind("a"), KEYS.command("b")
     for _ in range(100):
-        mailbox.put("a", received("a", large))
-    mailbox.put("b", received("b", large))
-    mailbox.put(None, received("truth", large))
+        mailbox.put(sample(a, large))
+    mailbox.put(sample(b, large))
+    mailbox.put(sample(KEYS.truth, large))
     kept = MOST_WAITING_BYTES // len(large) + 1
     assert mailbox.lost == {"a": 100 - kept}
-    assert [mailbox.get(0.0).key for _ in range(kept + 2)] == [*"a" * kept, "b", "truth"]
-    assert mailbox.empty()
-    mailbox.put("a", received("a", large))  # there is room again
-    assert mailbox.get(0.0).key == "a"
+    assert [mailbox.get(0.0).key for _ in range(kept + 2)] == [*[a] * kept, b, KEYS.truth]
+    mailbox.put(sample(a, large))  # there is room again
+    assert mailbox.get(0.0).key == a
     assert mailbox.lost == {"a": 100 - kept}
 
 
 def test_a_flood_of_empty_messages_is_bounded_too() -> None:
-    mailbox = Mailbox()
-    for _ in range(40_000):
-        mailbox.put("a", received("a", b""))
-    assert mailbox.lost["a"] > 20_000
+    mailbox = Mailbox(KEYS)
+    for _ in range(20_000):
+        mailbox.put(sample(KEYS.mind("a"), b""))
+    assert mailbox.lost["a"] > 2_000
 
 
 @pytest.mark.parametrize(
@@ -112,7 +108,6 @@ def test_a_flood_of_empty_messages_is_bounded_too() -> None:
     ],
 )
 def test_commands_that_led_to_the_newest_truth_are_awaited(
-    make_truth: MakeTruth,
     commands: list[tuple[str, int]],
     step: int,
     missed: dict[str, int],
@@ -121,13 +116,13 @@ def test_commands_that_led_to_the_newest_truth_are_awaited(
 ) -> None:
     outstanding = Outstanding()
     assert not outstanding.on_their_way()
-    outstanding.add(make_truth(3, {"1": {}, "2": {}}))
-    for each in (command("1", 3), command("2", 3), make_truth(4, {"1": {}, "2": {}})):
+    outstanding.add(truth(3, {"1": {}, "2": {}}))
+    for each in (command("1", 3), command("2", 3), truth(4, {"1": {}, "2": {}})):
         outstanding.add(each)
     assert not outstanding.on_their_way()
     for robot, answered in commands:
         outstanding.add(command(robot, answered))
-    outstanding.add(make_truth(step, {"1": missed, "2": {}}).model_copy(update=changes))
+    outstanding.add(truth(step, {"1": missed, "2": {}}).model_copy(update=changes))
     assert outstanding.on_their_way() is awaited
     if awaited:
         outstanding.add(command("1", step - 1, EPOCH + 1))
@@ -154,21 +149,19 @@ def bench(lost: dict[str, str]) -> Subscriber:
     return bench
 
 
-def say(bench: Any, truth: Truth) -> None:
+def say(bench: Any, told: Truth) -> None:
     """As the world says it."""
-    bench._store(
-        SimpleNamespace(key_expr=KEYS.truth, payload=SimpleNamespace(to_bytes=lambda: encode(truth)))
-    )
+    bench._mailbox.put(sample(KEYS.truth, encode(told)))
 
 
 def steps(messages: Iterator[Any]) -> list[int]:
     return [item.message.step for item in messages if isinstance(item, BusMessage)]
 
 
-def test_steps_that_the_bus_has_lost_are_logged(bench: Subscriber, make_truth: MakeTruth) -> None:
+def test_steps_that_the_bus_has_lost_are_logged(bench: Subscriber) -> None:
     for step in (0, 1, 4):
-        say(bench, make_truth(step, {"1": {}}))
-    say(bench, make_truth(5, {"1": {}}, verdict="timeout"))
+        say(bench, truth(step, {"1": {}}))
+    say(bench, truth(5, {"1": {}}, verdict="timeout"))
     with capture_logs() as logged:
         assert steps(bench.listen()) == [0, 1, 4, 5]
     gaps = [(line["first"], line["last"]) for line in logged if line["event"] == "the recording lacks steps"]
@@ -176,19 +169,19 @@ def test_steps_that_the_bus_has_lost_are_logged(bench: Subscriber, make_truth: M
 
 
 def test_what_the_world_said_before_its_end_counts_however_late_it_comes(
-    bench: Subscriber, lost: dict[str, str], make_truth: MakeTruth
+    bench: Subscriber, lost: dict[str, str]
 ) -> None:
     lost[WORLD] = "world ended"
-    late = threading.Timer(0.4, say, (bench, make_truth(0, {"1": {}}, verdict="timeout")))
+    late = threading.Timer(0.4, say, (bench, truth(0, {"1": {}}, verdict="timeout")))
     late.start()
     assert steps(bench.listen()) == [0]
     late.join()
 
 
 def test_a_world_that_has_gone_without_a_verdict_is_a_failure(
-    bench: Subscriber, lost: dict[str, str], make_truth: MakeTruth
+    bench: Subscriber, lost: dict[str, str]
 ) -> None:
-    say(bench, make_truth(0, {"1": {}}))
+    say(bench, truth(0, {"1": {}}))
     lost[WORLD] = "world ended with exit status 3"
     messages = bench.listen()
     assert next(messages).message.step == 0  # type: ignore[union-attr]

@@ -1,4 +1,4 @@
-"""The summary of a run, counted by hand."""
+"""The summary of a run, counted by hand, and what the terminal says of it."""
 
 import json
 from collections.abc import Iterable
@@ -6,49 +6,44 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
+from run_helpers import FACTS, mind, truth
 
-from fleet.record.recording import Recorder, read_recording
-from fleet.record.stream import RefusedMind, Restarted
-from fleet.record.summary import Summary, Tally
-from fleet.run.experiment import RunFacts
+from fleet.record.recording import Recorder, RefusedMind, Restarted, read_recording
+from fleet.record.summary import Summary, Tally, remarks, robot_table, verdict_line
 from protocol.messages import Message
 
 
-def summarise(
-    facts: RunFacts, messages: Iterable[Message], without_verdict: str = "interrupted"
-) -> dict[str, Any]:
+def summarise(items: Iterable[Message | RefusedMind | Restarted], without: str = "interrupted") -> Summary:
     tally = Tally()
-    for message in messages:
-        tally.add(message)
-    content: dict[str, Any] = json.loads(tally.summary(facts, without_verdict).model_dump_json(by_alias=True))
-    return content
+    for item in items:
+        tally.add(item)
+    return tally.summary(FACTS, without)
 
 
-@pytest.fixture
-def crossing(make_truth: Any, make_mind: Any) -> list[Message]:
-    """Two robots over two steps, every number chosen."""
-    return [
-        make_truth(0, {"a": {}, "b": {}}, minimum_distance_m=8.0),
-        make_mind("a", 0, timings_ms={"plan": 10.0, "decide": 12.0}),
-        make_mind("b", 0, timings_ms={"plan": 20.0, "decide": 24.0}, solver_failures=1),
-        make_truth(1, {"a": {"arrived_s": 0.1, "driven_m": 1.5}, "b": {}}, minimum_distance_m=1.25),
-        make_mind("a", 1, timings_ms={"decide": 0.5}),
-        make_mind("b", 1, timings_ms={"plan": 40.0, "decide": 50.0}, solver_failures=3),
-        make_truth(
-            2,
-            {
-                "a": {"arrived_s": 0.1, "driven_m": 1.5, "deadline_misses": 2},
-                "b": {"arrived_s": 0.2, "driven_m": 2.5, "deadline_misses": 3, "clipped_commands": 4},
-            },
-            minimum_distance_m=1.25,
-            collisions=(("a", "b"),),
-            verdict="arrived",
-        ),
-    ]
+CROSSING = [
+    truth(0, {"a": {}, "b": {}}, minimum_distance_m=8.0),
+    mind("a", 0, timings_ms={"plan": 10.0, "decide": 12.0}),
+    mind("b", 0, timings_ms={"plan": 20.0, "decide": 24.0}, solver_failures=1),
+    truth(1, {"a": {"arrived_s": 0.1, "driven_m": 1.5}, "b": {}}, minimum_distance_m=1.25),
+    mind("a", 1, timings_ms={"decide": 0.5}),
+    mind("b", 1, timings_ms={"plan": 40.0, "decide": 50.0}, solver_failures=3),
+    truth(
+        2,
+        {
+            "a": {"arrived_s": 0.1, "driven_m": 1.5, "deadline_misses": 2},
+            "b": {"arrived_s": 0.2, "driven_m": 2.5, "deadline_misses": 3, "clipped_commands": 4},
+        },
+        minimum_distance_m=1.25,
+        collisions=(("a", "b"),),
+        verdict="arrived",
+    ),
+]
+"""Two robots over two steps, every number chosen."""
 
 
-def test_the_summary_counts_a_run_exactly(facts: RunFacts, crossing: list[Message]) -> None:
-    content = summarise(facts, crossing)
+def test_the_summary_counts_a_run_exactly() -> None:
+    content = json.loads(summarise(CROSSING).model_dump_json(by_alias=True))
     phases = content.pop("phases_ms")
     assert content == {
         "schema": 1,
@@ -82,26 +77,25 @@ def test_the_summary_counts_a_run_exactly(facts: RunFacts, crossing: list[Messag
     assert phases["predict"] == {"p50": None, "p99": None, "max": None}
 
 
-def test_what_was_refused_is_counted_by_robot_and_reason(facts: RunFacts, make_truth: Any) -> None:
-    tally = Tally()
-    tally.add(make_truth(0, {"a": {}, "b": {}}, refused={"a": {"not a valid message": 2}}))
-    tally.add(make_truth(1, {"a": {}, "b": {}}, refused={"a": {"not a valid message": 5}}))
-    for refused in (
-        RefusedMind("a", "not a valid message"),
-        RefusedMind("b", "answers a step again"),
-        RefusedMind("b", "answers a step again"),
-        RefusedMind("b", "too many at once", 7),
-    ):
-        tally.refuse(refused)
-    assert tally.summary(facts).refused == {
+def test_what_was_refused_is_counted_by_robot_and_reason() -> None:
+    summary = summarise(
+        [
+            truth(0, {"a": {}, "b": {}}, refused={"a": {"not a valid message": 2}}),
+            truth(1, {"a": {}, "b": {}}, refused={"a": {"not a valid message": 5}}),
+            RefusedMind("a", "not a valid message"),
+            RefusedMind("b", "answers a step again"),
+            RefusedMind("b", "answers a step again"),
+            RefusedMind("b", "too many at once", 7),
+        ]
+    )
+    assert summary.refused == {
         "a": {"not a valid message": 5, "mind: not a valid message": 1},
         "b": {"mind: answers a step again": 2, "mind: too many at once": 7},
     }
+    assert "mind: answers a step again" in remarks(summary)[1]
 
 
-def test_degradations_are_summed_up_in_seconds_by_robot_and_kind(
-    facts: RunFacts, make_truth: Any, make_mind: Any
-) -> None:
+def test_degradations_are_summed_up_in_seconds_and_told() -> None:
     """And interventions are those that the robots have counted, each for itself."""
     told: dict[str, list[tuple[str, ...]]] = {
         "a": [("extrapolation",), ("extrapolation", "gate"), (), ("extrapolation", "intervention")],
@@ -111,115 +105,130 @@ def test_degradations_are_summed_up_in_seconds_by_robot_and_kind(
     counted = {"a": [0, 1, 1, 3], "b": [0, 0, 2, 2], "c": [0] * 4}
     messages: list[Message] = []
     for step in range(4):
-        messages.append(make_truth(step, {name: {} for name in told}))
-        messages += [
-            make_mind(name, step).model_copy(
-                update={"degraded": told[name][step], "interventions": counted[name][step]}
-            )
-            for name in told
-        ]
-    messages.append(make_truth(4, {name: {} for name in told}, verdict="timeout"))
-    content = summarise(facts, messages)
-    assert content["degraded"] == {
+        messages.append(truth(step, {name: {} for name in told}))
+        for name in told:
+            messages.append(mind(name, step, degraded=told[name][step], interventions=counted[name][step]))
+    summary = summarise([*messages, truth(4, {name: {} for name in told}, verdict="timeout")])
+    assert summary.degraded == {
         "a": {"extrapolation": 0.3, "gate": 0.1, "intervention": 0.1},
         "b": {"solver failure": 0.1},
     }
-    assert content["interventions"] == 5
+    assert summary.interventions == 5
+    assert remarks(summary)[1] == "Robot b was degraded: solver failure 0.1 s."
+    assert remarks(summarise(CROSSING)) == []
 
 
-def test_degradations_of_an_earlier_epoch_do_not_count(
-    facts: RunFacts, make_truth: Any, make_mind: Any
-) -> None:
-    degraded = make_mind("a", 0).model_copy(update={"degraded": ("gate",), "interventions": 1})
-    begun_again = make_truth(1, {"a": {}}).model_copy(update={"epoch": 8})
-    content = summarise(facts, [make_truth(0, {"a": {}}), degraded, begun_again])
-    assert (content["degraded"], content["interventions"]) == ({}, 0)
-
-
-def test_a_robot_that_vanished_keeps_its_part(facts: RunFacts, make_truth: Any) -> None:
-    content = summarise(
-        facts,
-        [
-            make_truth(1, {"1": {"driven_m": 1.0, "clipped_commands": 2}, "2": {}}),
-            make_truth(2, {"2": {"arrived_s": 0.2}}),
-        ],
-    )
-    assert [(robot["id"], robot["driven_m"]) for robot in content["robots"]] == [("1", 1.0), ("2", 0.0)]
-    assert content["clipped_commands"] == 2
-    assert content["duration_s"] is None
+def test_a_robot_that_vanished_keeps_its_part() -> None:
+    before = truth(1, {"1": {"driven_m": 1.0, "clipped_commands": 2}, "2": {}})
+    summary = summarise([before, truth(2, {"2": {"arrived_s": 0.2}})])
+    assert [(robot.id, robot.driven_m) for robot in summary.robots] == [("1", 1.0), ("2", 0.0)]
+    assert summary.clipped_commands == 2
+    assert summary.duration_s is None
 
 
 @pytest.mark.parametrize(
     ("robots", "verdict", "without", "expected"),
     [
         (None, None, "interrupted", ("interrupted", 0, None, [])),  # before any truth
-        ({"1": {}}, None, "interrupted", ("interrupted", 9, None, [None])),
         ({"1": {}}, None, "failed", ("failed", 9, None, [None])),
         ({"1": {"arrived_s": 0.5}}, "arrived", "failed", ("arrived", 9, 0.5, [0.5])),  # the referee's stands
         ({"1": {"arrived_s": 0.5}, "2": {}}, "deadlock", "failed", ("deadlock", 9, None, [0.5, None])),
     ],
 )
 def test_the_verdict_and_the_duration_however_a_run_ended(
-    facts: RunFacts, make_truth: Any, robots: Any, verdict: Any, without: str, expected: tuple[Any, ...]
+    robots: Any, verdict: Any, without: str, expected: tuple[Any, ...]
 ) -> None:
-    truths = [] if robots is None else [make_truth(9, robots, verdict=verdict)]
-    content = summarise(facts, truths, without)
-    arrivals = [robot["arrived_s"] for robot in content["robots"]]
-    assert (content["verdict"], content["steps"], content["duration_s"], arrivals) == expected
+    summary = summarise([] if robots is None else [truth(9, robots, verdict=verdict)], without)
+    arrivals = [robot.arrived_s for robot in summary.robots]
+    assert (summary.verdict, summary.steps, summary.duration_s, arrivals) == expected
 
 
-def test_a_recording_gives_the_same_summary_as_the_run(
-    tmp_path: Path, facts: RunFacts, crossing: list[Message]
-) -> None:
-    path = tmp_path / "run.mcap"
-    with Recorder(path, facts, "") as recorder:
-        for message in crossing:
+def test_a_recording_gives_the_same_summary_as_the_run_and_so_does_its_file(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "run.mcap", FACTS, "") as recorder:
+        for message in CROSSING:
             recorder.record("unspoken/test/anything", message, 0)
-    recording = read_recording(path)
-    assert summarise(recording.facts, (message for _, message in recording)) == summarise(facts, crossing)
+    recorded = summarise(message for _, message in read_recording(tmp_path / "run.mcap"))
+    assert recorded == summarise(CROSSING)
+    assert Summary.model_validate_json(recorded.model_dump_json(by_alias=True)) == recorded
 
 
-def test_the_written_file_is_read_back_as_the_same_summary(
-    tmp_path: Path, facts: RunFacts, crossing: list[Message]
+def test_after_a_restart_of_the_world_its_last_epoch_counts() -> None:
+    former = [message.model_copy(update={"epoch": 1}) for message in CROSSING]
+    former.append(mind("a", 2, degraded=("gate",), interventions=1, epoch=1))
+    anew = summarise([*former, *CROSSING[:3], Restarted("world")])
+    assert anew == summarise(CROSSING[:3]).model_copy(update={"restarts": {"world": 1}})
+
+
+def eight(*missing: str) -> dict[str, float | None]:
+    return {name: None if name in missing else 12.2 for name in "12345678"}
+
+
+PAIR = (("1", "2"),)
+
+
+@pytest.mark.parametrize(
+    ("robots", "step", "verdict", "collisions", "line"),
+    [
+        (eight(), 122, "arrived", (), "All 8 robots arrived after 12.2 s without collision; "),
+        (eight(), 122, "arrived", PAIR, "All 8 robots arrived after 12.2 s, but 1 pair of robots collided; "),
+        ({"1": 5.0, "2": 5.4}, 54, "arrived", (), "Both robots arrived after 5.4 s without collision; "),
+        ({"1": None}, 50, "timeout", (), "Out of time after 5.0 s: robot 1 had not arrived; "),
+        (
+            eight("2", "5", "7"),
+            143,
+            "deadlock",
+            (),
+            "Deadlock after 14.3 s: robots 2, 5 and 7 never arrived; ",
+        ),
+        (eight(*"1234567"), 30, None, (), "Interrupted after 3.0 s: 7 of 8 robots had not arrived; "),
+        (
+            eight(),
+            122,
+            "collision",
+            PAIR,
+            "Collision of 1 pair of robots; after 12.2 s all 8 robots had arrived; ",
+        ),
+    ],
+)
+def test_the_verdict_is_a_plain_sentence(
+    robots: dict[str, float | None], step: int, verdict: Any, collisions: Any, line: str
 ) -> None:
+    states = {name: {"arrived_s": arrived_s} for name, arrived_s in robots.items()}
+    last = truth(step, states, verdict=verdict, collisions=collisions)
+    assert verdict_line(summarise([last]), step_s=0.1) == f"{line}smallest distance 1.50 m."
+
+
+def test_a_verdict_without_a_distance_or_a_step_is_a_sentence_too() -> None:
+    alone = truth(50, {"1": {"arrived_s": 5.0}}, verdict="arrived", minimum_distance_m=None)
+    assert verdict_line(summarise([alone]), 0.1) == "The robot arrived after 5.0 s."
+    assert verdict_line(summarise([]), 0.1) == "Interrupted before the first step."
+    two_pairs = truth(9, {"1": {}}, verdict="deadlock", collisions=(*PAIR, ("3", "4")))
+    assert verdict_line(summarise([two_pairs]), 0.1).endswith("1.50 m. 2 pairs of robots collided.")
+
+
+def printed(tally: Tally) -> list[str]:
+    console = Console(width=80)
+    with console.capture() as capture:
+        console.print(robot_table(tally.summary(FACTS), tally.clipped_commands))
+    return capture.get().splitlines()
+
+
+def test_the_table_has_a_row_for_every_robot_and_their_sum() -> None:
     tally = Tally()
-    for message in crossing:
-        tally.add(message)
-    summary = tally.summary(facts)
-    path = tmp_path / "summary.json"
-    summary.write(path)
-    assert Summary.model_validate_json(path.read_text()) == summary
-    assert next(iter(json.loads(path.read_text()))) == "schema"
-    assert [file.name for file in tmp_path.iterdir()] == ["summary.json"]
+    robots = {"1": {"arrived_s": 2.9, "driven_m": 8.126, "deadline_misses": 7}}
+    robots["2"] = {"driven_m": 5.0, "clipped_commands": 11}
+    tally.add(truth(30, robots))
+    tally.add(mind("2", 30, solver_failures=4))
+    rows = [line.split() for line in printed(tally)]
+    assert ["1", "2.9", "8.13", "0", "7", "0"] in rows
+    assert ["2", "–", "5.00", "4", "0", "11"] in rows
+    assert ["all", "–", "13.13", "4", "7", "11"] in rows
 
 
-def test_a_reader_of_the_old_summary_never_sees_a_part_of_the_new_one(
-    tmp_path: Path, facts: RunFacts
-) -> None:
-    path = tmp_path / "summary.json"
-    path.write_text("old")
-    with path.open() as reader:
-        Tally().summary(facts).write(path)
-        assert reader.read() == "old"
-    assert json.loads(path.read_text())["schema"] == 1
-
-
-def test_a_summary_that_cannot_be_written_leaves_the_old_one(tmp_path: Path, facts: RunFacts) -> None:
-    path = tmp_path / "summary.json"
-    path.mkdir()
-    with pytest.raises(OSError, match=r"summary\.json"):
-        Tally().summary(facts).write(path)
-    assert [file.name for file in tmp_path.iterdir()] == ["summary.json"]
-
-
-def test_after_a_restart_of_the_world_its_last_epoch_counts(facts: RunFacts, crossing: list[Message]) -> None:
-    former = [message.model_copy(update={"epoch": 1}) for message in crossing]
-    anew = Tally()
-    for message in (*former, *crossing[:3]):
-        anew.add(message)
-    anew.count_restart(Restarted("world"))
-    alone = Tally()
-    for message in crossing[:3]:
-        alone.add(message)
-    expected = alone.summary(facts).model_copy(update={"restarts": {"world": 1}})
-    assert anew.summary(facts) == expected
+def test_the_table_of_many_robots_with_long_names_fits_into_80_columns() -> None:
+    names, tally = [f"a-robot-with-a-long-name-no-{i:04}" for i in range(16)], Tally()
+    tally.add(truth(122, {name: {"arrived_s": 12.2} for name in names}, verdict="arrived"))
+    lines = printed(tally)
+    assert max(map(len, lines)) <= 80
+    first_column = "".join(line[:26].strip() for line in lines)
+    assert all(name in first_column for name in names), "folded, but not shortened"

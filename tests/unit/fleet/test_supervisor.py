@@ -3,8 +3,7 @@
 import pytest
 
 from fleet.inject.process_faults import WORLD
-from fleet.run.processes import Processes
-from fleet.run.supervisor import BACK_OFF_S, Restart, Supervisor
+from fleet.run.processes import BACK_OFF_S, Processes, Restart, Supervisor
 
 
 class ScriptedProcesses(Processes):

@@ -4,8 +4,8 @@ import secrets
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Final
 
-from agent.estimate import GoalsName
 from agent.process.options import DecisionOptions
 from fleet.inject.scenario import Scenario, load_scenario, with_faults
 from protocol.keys import Name
@@ -13,12 +13,12 @@ from protocol.scenario import scenario_text
 from scenarios import find
 from world.clock import ClockKind
 
-SHARING: GoalsName = "exchanged"
+SHARING: Final = "exchanged"
 """The one choice of ``--goals`` for which the world tells the goals."""
-
-
 VIRTUAL = "virtual"
 """The clock of ``simulate``, as its summary names it."""
+BUDGET_SHARE = 0.5
+"""Of Δt, for decisions in real time unless told otherwise; the rest is for the way there and back."""
 
 
 class RunFacts(DecisionOptions):
@@ -52,16 +52,8 @@ class Experiment:
     scenario: Scenario
     """With the faults of a file of their own, if one was given."""
     facts: RunFacts
-    faults: Path | None = None
-    """That file."""
-
-    def scenario_text(self) -> str:
-        """What the recording keeps: the scenario file, or a scenario that holds the other file's faults."""
-        return self.path.read_text(encoding="utf-8") if self.faults is None else scenario_text(self.scenario)
-
-
-BUDGET_SHARE = 0.5
-"""Of Δt, for decisions in real time unless told otherwise; the rest is for the way there and back."""
+    text: str
+    """What the recording keeps: that of the scenario file, or of a scenario with the other file's faults."""
 
 
 def prepare(
@@ -85,12 +77,13 @@ def prepare(
         faults: a file of faults, which come after those of the scenario.
 
     Raises:
-        ScenarioError: there is no such scenario, or it is wrong, or the file of faults is.
+        Refusal: there is no such scenario, or it is wrong, or the file of faults is.
     """
     path = find(name_or_path).resolve()
-    scenario = load_scenario(path)
+    scenario, text = load_scenario(path), path.read_text(encoding="utf-8")
     if faults is not None:
         scenario = with_faults(scenario, faults)
+        text = scenario_text(scenario)
     options = decisions.decisions()
     if decisions.budget_ms is None and clock == ClockKind.REALTIME:
         options["budget_ms"] = BUDGET_SHARE * 1000.0 * scenario.step_s
@@ -104,4 +97,4 @@ def prepare(
         run=f"run-{secrets.token_hex(4)}",
         version=version("unspoken"),
     )
-    return Experiment(path, scenario, facts, faults)
+    return Experiment(path, scenario, facts, text)
