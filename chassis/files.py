@@ -2,7 +2,10 @@
 
 import os
 import re
+import secrets
+import shutil
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -63,6 +66,32 @@ def write_whole(path: Path, content: str | bytes) -> None:
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
+
+
+@contextmanager
+def new_directory(directory: Path, if_taken: str) -> Iterator[Path]:
+    """A directory to fill in the block; it takes its place at the end of the block, or is gone.
+
+    Args:
+        directory: its place, where nothing or an empty directory is.
+        if_taken: what people can do where something is.
+
+    Raises:
+        Refusal: something is there, or it is the working directory.
+        OSError: it cannot be written.
+    """
+    directory = directory.resolve()
+    if directory == Path.cwd():
+        raise Refusal(f"{directory} is where you are; name a new directory in it")
+    if directory.exists() and any(directory.iterdir()):
+        raise Refusal(f"{directory} is not empty; {if_taken}")
+    beside = directory.with_name(f".{directory.name}-{secrets.token_hex(4)}")
+    try:
+        beside.mkdir(parents=True)
+        yield beside
+        beside.rename(directory)
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
 
 
 def mistake_at(where: str, what: str) -> PydanticCustomError:

@@ -1,6 +1,5 @@
 """``unspoken evaluate``: the command line, the progress and the table at the end."""
 
-import os
 from collections.abc import Iterable, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -18,13 +17,12 @@ from chassis.refusal import ExitStatus, Refusal
 from fleet.evaluate.evaluation import GRAMMAR, Evaluation, levels_in
 from fleet.evaluate.results import Results, Row, open_results
 from fleet.interruption import Interruption, announced, compile_solver
-from fleet.record.report import new_table, number, progress_of_many, this_machine
+from fleet.record.report import CORES, new_table, number, progress_of_many, this_machine
 from fleet.scenarios.suite import load_suite
 
 METHODS = get_args(GoalsName)
 PUBLISHED: tuple[GoalsName, ...] = ("exchanged", "ioc", "constant-acceleration")
 """What the publication compares."""
-CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 WIDTH = 110
 """What the table needs."""
 

@@ -129,11 +129,26 @@ COLUMNS = tuple(Row.model_fields)
 
 
 class Results:
-    """The table of an evaluation that goes on: the finished runs by key, and where more are kept."""
+    """The table of an evaluation that goes on: the finished runs by key, and where more are kept.
+
+    What was not written to its end is cut off.
+
+    Args:
+        path: for people.
+        file: to read and append.
+
+    Raises:
+        Refusal: the table is damaged, or the disk does not take it.
+    """
 
     def __init__(self, path: Path, file: BinaryIO) -> None:
         self._path, self._file = path, file
-        self.rows: dict[RunKey, Row] = {}
+        file.seek(0)
+        whole = _whole_lines(file.read())
+        file.truncate(len(whole))
+        self.rows: dict[RunKey, Row] = {row.key: row for row in _parsed(whole, path)}
+        if not whole:
+            self._write(COLUMNS)
 
     def add(self, row: Row) -> None:
         """Keep a finished run for good.
@@ -143,15 +158,6 @@ class Results:
         """
         self._write(row.model_dump().values())
         self.rows[row.key] = row
-
-    def resume(self) -> None:
-        """Take what is finished and cut off what was not written to its end."""
-        self._file.seek(0)
-        whole = _whole_lines(self._file.read())
-        self._file.truncate(len(whole))
-        self.rows = {row.key: row for row in _parsed(whole, self._path)}
-        if not whole:
-            self._write(COLUMNS)
 
     def _write(self, cells: Iterable[object]) -> None:
         text = io.StringIO()
@@ -174,8 +180,7 @@ def open_results(directory: Path, evaluation: Evaluation) -> Iterator[Results]:
     try:
         directory.mkdir(parents=True, exist_ok=True)
         if not any(directory.iterdir()):
-            text = evaluation.model_dump_json(by_alias=True, indent=2)
-            write_whole(directory / EXPERIMENT, text + "\n")
+            write_whole(directory / EXPERIMENT, evaluation.model_dump_json(by_alias=True, indent=2) + "\n")
         elif differences := read_evaluation(directory).differences(evaluation):
             raise Refusal(
                 f"{directory} holds a different evaluation:\n"
@@ -193,9 +198,7 @@ def open_results(directory: Path, evaluation: Evaluation) -> Iterator[Results]:
                 f"{directory}: another evaluation is writing there; wait for its end, or choose another "
                 "directory with --out"
             ) from None
-        results = Results(directory / RUNS, file)
-        results.resume()
-        yield results
+        yield Results(directory / RUNS, file)
     finally:
         with suppress(OSError):  # every row is on the disk already, or was refused
             file.close()

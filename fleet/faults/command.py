@@ -14,13 +14,20 @@ from agent.estimate import DEFAULT_GOALS, GoalsName
 from agent.process.options import DecisionOptions
 from chassis.options import option
 from chassis.refusal import ExitStatus, Refusal
-from fleet.evaluate.command import CORES
 from fleet.evaluate.running import local_cluster, outcomes
 from fleet.faults.cases import BUNDLED, Case, load_cases
 from fleet.faults.trial import Outcome, Trial, in_processes, in_virtual_time
 from fleet.inject.scenario import unknown_robot
 from fleet.interruption import Interruption, announced, compile_solver
-from fleet.record.report import TO_STDOUT, JsonOption, new_table, number, progress_of_many, write_report
+from fleet.record.report import (
+    CORES,
+    TO_STDOUT,
+    JsonOption,
+    new_table,
+    number,
+    progress_of_many,
+    write_report,
+)
 from fleet.scenarios.command import checked_numbers, numbers_in
 
 VERSION = 1

@@ -15,6 +15,7 @@ from typing import Final
 
 from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
 
+from chassis.files import new_directory
 from chassis.refusal import Refusal
 from fleet.interruption import Interruption
 from fleet.keys.authority import LOCAL_HOSTS, Authority, Device, checked_host, folder_of, hosts_in, name_of
@@ -45,25 +46,17 @@ def create(directory: Path, devices: Iterable[Device], now: datetime, days: int,
         Refusal: the directory holds something, or the authority does not last as long as the certificates.
         OSError: the directory cannot be written.
     """
-    directory = directory.resolve()
-    if directory == Path.cwd():
-        raise Refusal(f"{directory} is where you are; name a new directory in it")
-    if directory.exists() and any(directory.iterdir()):
-        raise Refusal(
-            f"{directory} is not empty; choose another directory, or if it holds keys already, renew them "
-            "and add some with 'unspoken keys issue'"
-        )
-    authority = Authority.new(now, authority_days)
-    directory.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(prefix=f".{directory.name}-", dir=directory.parent) as beside:
-        whole = Path(beside) / "whole"
-        whole.mkdir(mode=0o700)
-        _write_folder(
-            whole / AUTHORITY_FOLDER, {AUTHORITY_FILE: authority.certificate_pem, KEY_FILE: authority.key_pem}
-        )
+    if_taken = (
+        "choose another directory, or if it holds keys already, renew them and add some with "
+        "'unspoken keys issue'"
+    )
+    with new_directory(directory, if_taken) as whole:
+        whole.chmod(0o700)
+        authority = Authority.new(now, authority_days)
+        own = {AUTHORITY_FILE: authority.certificate_pem, KEY_FILE: authority.key_pem}
+        _write_folder(whole / AUTHORITY_FOLDER, own)
         for device in devices:
             write_device(whole, authority, device, now, days)
-        whole.rename(directory)
 
 
 def issue(directory: Path, devices: Sequence[Device], now: datetime, days: int) -> None:

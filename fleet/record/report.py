@@ -29,6 +29,8 @@ TO_STDOUT: Final = Path("-")
 SPEED_S = 600.0
 """The time left is judged by what was done in so many seconds: runs differ much."""
 MIB = 2.0**20
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+"""That this process may use."""
 LIBRARIES = ("numpy", "numba", "casadi", "eclipse-zenoh", "pydantic")
 
 JsonOption = Annotated[
@@ -107,7 +109,7 @@ class Machine(Record):
 
     cpu: str
     cores: int
-    """That this process may use."""
+    """``CORES``."""
     memory_mib: float
     load_1min: float
     """Processes that wanted a core in the minute before the bench began."""
@@ -125,7 +127,7 @@ def this_machine() -> Machine:
     """As it is now."""
     return Machine(
         cpu=_cpu(),
-        cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        cores=CORES,
         memory_mib=psutil.virtual_memory().total / MIB,
         load_1min=os.getloadavg()[0],
         system=platform.platform(),

@@ -6,7 +6,7 @@ import shlex
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -14,6 +14,7 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from chassis.files import write_whole
 from chassis.refusal import ExitStatus, Refusal
+from fleet.evaluate.evaluation import Run
 from fleet.evaluate.results import DIED, FAILED, Row, read_evaluation, read_rows
 from fleet.interruption import Interruption, announced, compile_solver
 from fleet.record.experiment import SHARING
@@ -89,22 +90,15 @@ def _data(directory: Path, against: str | None) -> Data:
     return Data(evaluation, rows, against)
 
 
-class Worst(NamedTuple):
-    """One of the worst runs, and why it is."""
-
-    row: Row
-    why: str
-
-
-def worst_runs(rows: Sequence[Row], against: str, count: int) -> list[Worst]:
-    """The worst runs first: failed ones, then with collisions, then without arrival, then the slowest.
+def worst_runs(rows: Sequence[Row], against: str, count: int) -> list[tuple[Row, str]]:
+    """The worst runs with why they are: failed ones, then with collisions, then without arrival, then slow.
 
     Slow is what takes long beside the same scenario, noise and seed with the reference method ``against``.
     """
     base_s = {(row.scenario, row.noise, row.seed): row.duration_s for row in rows if row.method == against}
     judged = [(row, *_judged(row, against, base_s.get((row.scenario, row.noise, row.seed)))) for row in rows]
     judged.sort(key=lambda each: each[1])
-    return [Worst(row, why) for row, _, why in judged[:count]]
+    return [(row, why) for row, _, why in judged[:count]]
 
 
 def _judged(row: Row, against: str, base_s: float | None) -> tuple[tuple[float, ...], str]:
@@ -143,41 +137,28 @@ def _worst_runs_again(
         line = progress.add_task(announced("driving the worst runs again"), total=None)
         compile_solver(interruption)
         progress.remove_task(line)
-    return [
-        _driven_again(
-            worst,
-            data,
-            directory / f"{PREFIX}worst-{number}",
-            f"worst run {number} of {len(chosen)}: {data.title_of(worst.row)}",
-            progress,
-            interruption,
-        )
-        for number, worst in enumerate(chosen, 1)
-    ]
+    runs = []
+    for number, (row, why) in enumerate(chosen, 1):
+        path, title = directory / f"{PREFIX}worst-{number}", data.title_of(row)
+        run = data.runs[row.key]
+        command = ["unspoken", "simulate", str(path.with_suffix(".yaml")), "--goals", run.key.method]
+        command += ["--solver", run.key.solver, "--seed", str(run.key.seed)]
+        shown = WorstRun(path.name, title, why, shlex.join(command), scenario_text(run.scenario))
+        begin = f"worst run {number} of {len(chosen)}: {title}"
+        runs.append(_driven_again(shown, row, run, begin, progress, interruption))
+    return runs
 
 
 def _driven_again(
-    worst: Worst, data: Data, path: Path, begin: str, progress: Progress, interruption: Interruption
+    shown: WorstRun, row: Row, run: Run, begin: str, progress: Progress, interruption: Interruption
 ) -> WorstRun:
-    """Drive one of the worst runs again for its picture; one that fails is drawn as far as it came.
-
-    Args:
-        worst: what came of it in the evaluation.
-        data: of which it is a part.
-        path: of its files, without their suffix.
-        begin: the line of progress begins so.
-        progress: where that is shown.
-        interruption: looked at once a step.
+    """Drive a run again and add its picture, as far as it came; the line of progress begins with ``begin``.
 
     Raises:
-        KeyboardInterrupt: it was interrupted.
+        KeyboardInterrupt: it was interrupted, which is looked at once a step.
     """
-    run, title = data.runs[worst.row.key], data.title_of(worst.row)
-    command = ["unspoken", "simulate", str(path.with_suffix(".yaml")), "--goals", run.key.method]
-    command += ["--solver", run.key.solver, "--seed", str(run.key.seed)]
-    plain = WorstRun(path.name, title, worst.why, shlex.join(command), scenario_text(run.scenario))
-    if worst.row.reason == DIED:
-        return plain._replace(remarks=["Not driven again for a picture: it might end this process too."])
+    if row.reason == DIED:
+        return shown._replace(remarks=["Not driven again for a picture: it might end this process too."])
     line = progress.add_task(begin, total=None)
     tally, course, failure = Tally(), Course(run.scenario.step_s), ""
     try:
@@ -189,24 +170,25 @@ def _driven_again(
             if interruption.requested:
                 raise KeyboardInterrupt
     except ModuleNotFoundError as error:  # the library of a baseline
-        return plain._replace(remarks=[f"Not driven again for a picture: {error} on this machine."])
+        return shown._replace(remarks=[f"Not driven again for a picture: {error} on this machine."])
     except Exception as error:  # the very one that is looked for, or another one, which is reported
         failure = f"{type(error).__name__}: {error}"
     progress.update(line, total=1, completed=1)
     summary = tally.summary(run.facts, FAILED)
     png = io.BytesIO()
     draw_paths(run.scenario, course, summary, png)
-    words = f"{title}: the ways driven, the robots, their goals and the estimates of these, at three times."
+    words = (
+        f"{shown.title}: the ways driven, the robots, their goals and the estimates of these, at three times."
+    )
     remarks = []
-    if differences := _differences(worst.row, summary):
+    if differences := _differences(row, summary):
         remarks.append(
             "The picture shows another run than the evaluation's: this software on this machine drives it "
             f"with {', '.join(differences)}."
         )
-    if failure and failure not in worst.why:
+    if failure and failure not in shown.why:
         remarks.append(f"The run of the picture ended with {failure}.")
-    picture = Picture(path.with_suffix(".png").name, png.getvalue(), words)
-    return plain._replace(picture=picture, remarks=remarks)
+    return shown._replace(picture=Picture(f"{shown.name}.png", png.getvalue(), words), remarks=remarks)
 
 
 def _differences(row: Row, summary: Summary) -> list[str]:

@@ -1,8 +1,6 @@
 """Suites of scenarios: made of a family, written, and read from scenario files."""
 
 import math
-import secrets
-import shutil
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -10,6 +8,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from chassis.files import new_directory
 from chassis.refusal import Refusal
 from fleet.inject.scenario import Scenario, load_scenario
 from protocol.scenario import Pose, ScenarioRobot, scenario_text
@@ -28,8 +27,6 @@ TRIES = 10_000
 
 Point = tuple[float, float]
 Way = tuple[Point, Point]
-Family = Callable[[int, np.random.Generator], Scenario]
-"""Makes a scenario for any number of robots, drawn from a generator alone."""
 FamilyName = Literal["perimeter", "circle", "random", "corridor", "intersection", "heterogeneous"]
 
 
@@ -119,7 +116,7 @@ def intersection(robots: int, random: np.random.Generator) -> Scenario:
     return _scenario("intersection", _along(ways))
 
 
-FAMILIES: dict[FamilyName, Family] = {
+FAMILIES: dict[FamilyName, Callable[[int, np.random.Generator], Scenario]] = {
     "perimeter": perimeter,
     "circle": circle,
     "random": random_poses,
@@ -127,7 +124,7 @@ FAMILIES: dict[FamilyName, Family] = {
     "intersection": intersection,
     "heterogeneous": heterogeneous,
 }
-"""By the name that ``--family`` takes."""
+"""What makes a scenario for a number of robots, drawn from a generator alone, by what ``--family`` takes."""
 
 
 def _across(robots: int, random: np.random.Generator) -> list[Way]:
@@ -278,19 +275,10 @@ def write_suite(directory: Path, scenarios: Mapping[str, Scenario], comment: str
     Raises:
         Refusal: the directory holds something or cannot be written.
     """
-    directory = directory.resolve()
-    beside = directory.parent / f".{directory.name}-{secrets.token_hex(4)}"
     try:
-        if directory == Path.cwd():
-            raise Refusal(f"{directory} is where you are; name a new directory in it with --out")
-        if directory.exists() and any(directory.iterdir()):
-            raise Refusal(f"{directory} is not empty; choose another directory with --out, or remove it")
-        beside.mkdir(parents=True)
-        for name, scenario in scenarios.items():
-            text = f"# {comment}\n{scenario_text(scenario)}"
-            (beside / f"{name}.yaml").write_text(text, encoding="utf-8")
-        beside.rename(directory)
+        with new_directory(directory, "choose another directory with --out, or remove it") as whole:
+            for name, scenario in scenarios.items():
+                text = f"# {comment}\n{scenario_text(scenario)}"
+                (whole / f"{name}.yaml").write_text(text, encoding="utf-8")
     except OSError as error:
-        raise Refusal(f"{directory} cannot be used for the output: {error.strerror}") from error
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
+        raise Refusal(f"{directory} cannot be used for the output: {error.strerror}") from None

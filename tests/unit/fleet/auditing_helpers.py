@@ -20,7 +20,7 @@ from protocol.messages import Command, Message, PublicScene
 from protocol.scenario import ScenarioRobot
 from world.world import World
 
-STEPS = 12
+STEPS = 8
 MEETING = [
     {"id": 1, "start": {"x_m": -1.2, "y_m": 0.0}, "goal": {"x_m": 1.2, "y_m": 0.0}},
     {"id": 2, "start": {"x_m": 1.2, "y_m": 0.1}, "goal": {"x_m": -1.2, "y_m": 0.0}},

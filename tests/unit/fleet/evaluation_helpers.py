@@ -1,17 +1,10 @@
-"""Small evaluations, and runs that are made in this process or made up."""
+"""Small evaluations."""
 
-from concurrent.futures import Future
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-import pytest
 import yaml
-from click.testing import Result
-from typer.testing import CliRunner
 
-from fleet.cli import app
-from fleet.evaluate import running
 from fleet.evaluate.evaluation import Evaluation
 from fleet.record.report import this_machine
 from fleet.scenarios.suite import load_suite
@@ -47,32 +40,3 @@ def evaluation_of(suite: Path | str, **choices: Any) -> Evaluation:
         "scenarios": loaded.scenarios,
     }
     return Evaluation(**{**plain, **choices})
-
-
-def unspoken_evaluate(*arguments: object) -> Result:
-    return CliRunner().invoke(app, ["evaluate", *map(str, arguments)])
-
-
-class InThisProcess:
-    """What an evaluation needs of a Dask client; each run is made when it is submitted, by ``make``."""
-
-    status = "running"
-
-    def __init__(self, make: Any) -> None:
-        self.make = make
-
-    def submit(self, _function: Any, run: Any, **_options: object) -> "Future[Any]":
-        future: Future[Any] = Future()
-        try:
-            future.set_result(self.make(run))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-    def cancel(self, _futures: object) -> None:
-        pass
-
-
-def use(monkeypatch: pytest.MonkeyPatch, client: InThisProcess) -> None:
-    """Let evaluations use this client instead of a cluster."""
-    monkeypatch.setattr(running, "local_cluster", lambda _workers: nullcontext(client))
