@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Self
 
 from agent.agent import Agent
+from agent.solve.vehicle import Array
 from chassis.files import Record
 from fleet.bench.loops import (
     Solved,
@@ -17,7 +18,7 @@ from fleet.bench.loops import (
     random_crossing,
     shortfall_m,
 )
-from fleet.bench.measuring import Cell, Distribution, Duration, Progress, Row, Settings, Timer, Times
+from fleet.bench.measuring import Cell, Distribution, Progress, Row, Settings, Times, clocks_ms
 from fleet.record.report import number
 from protocol.scenario import Scenario, load_scenario
 from scenarios import find
@@ -66,7 +67,7 @@ class PredictionRow(Row):
     def _of(cls, name: str, scenarios: Iterable[Scenario], settings: Settings, progress: Progress) -> Self:
         solver = TimedSolver("realtime")
         loops = [
-            _followed(drive(scenario, solver, settings.steps), f"prediction alone: {scenario.name}", progress)
+            _whole(drive(scenario, solver, settings.steps), f"prediction alone: {scenario.name}", progress)
             for scenario in scenarios
         ]
         every = [solved for loop in loops for solved in loop]
@@ -74,8 +75,8 @@ class PredictionRow(Row):
             scenario=name,
             robots=len(every[0].problem.states),
             loops=len(loops),
-            first=Times.of(loop[0].duration for loop in loops),
-            later=Times.of(solved.duration for loop in loops for solved in loop[1:]),
+            first=Times.of(loop[0].duration_ms for loop in loops),
+            later=Times.of(solved.duration_ms for loop in loops for solved in loop[1:]),
             unsolved=sum(solved.unsolved for solved in every),
             predicted_shortfall_m=max(solved.solution.violation_m for solved in every),
             driven_shortfall_m=max(map(shortfall_m, loops)),
@@ -83,10 +84,9 @@ class PredictionRow(Row):
 
     def lines(self) -> Iterable[Iterable[Cell]]:
         """Thread CPU time with wall-clock time beside it."""
-        yield (
-            *(self.scenario, self.robots, self.loops, *_times(self.later), self.first.cpu.max_ms),
-            *(self.unsolved, self.predicted_shortfall_m, self.driven_shortfall_m),
-        )
+        times = *_times(self.later), self.first.cpu.max_ms
+        shortfalls_m = self.predicted_shortfall_m, self.driven_shortfall_m
+        yield self.scenario, self.robots, self.loops, *times, self.unsolved, *shortfalls_m
 
 
 class Side(Record):
@@ -111,8 +111,8 @@ class Side(Record):
     def of(cls, problems: Sequence[Solved], loop: Sequence[Solved]) -> Self:
         """From the problems that both solved, and from a loop of its own."""
         return cls(
-            first_cpu_ms=problems[0].duration.cpu_ms,
-            later=Times.of(each.duration for each in problems[1:]),
+            first_cpu_ms=float(problems[0].duration_ms[0]),
+            later=Times.of(each.duration_ms for each in problems[1:]),
             unsolved=sum(each.unsolved for each in problems),
             objective=sum(each.solution.objective for each in problems[1:]),
             predicted_shortfall_m=max(each.solution.violation_m for each in problems),
@@ -162,16 +162,14 @@ class ComparisonRow(Row):
 
     @classmethod
     def _of(cls, scenario: Scenario, steps: int, progress: Progress) -> Self:
-        def followed(loop: Iterable[Solved], what: str) -> list[Solved]:
-            return _followed(loop, f"comparison: {scenario.name}, {what}", progress)
-
+        what = f"comparison: {scenario.name},"
         fast, judge = TimedSolver("realtime"), TimedSolver("reference")
-        own = followed(drive(scenario, fast, steps), "real-time solver drives")
+        own = _whole(drive(scenario, fast, steps), f"{what} real-time solver drives", progress)
         replayed = (judge.best(each.problem, each.starts) for each in own)
-        same = followed(replayed, "reference solver on the same problems")
+        same = _whole(replayed, f"{what} reference solver on the same problems", progress)
         # From where the other began: in symmetrical scenarios mirrored minima are equally good.
         first = own[0].solution.start(warm=False)
-        others = followed(drive(scenario, judge, steps, first), "reference solver drives")
+        others = _whole(drive(scenario, judge, steps, first), f"{what} reference solver drives", progress)
         ours, theirs = Side.of(own, own), Side.of(same, others)
         return cls(
             scenario=scenario.name,
@@ -235,27 +233,25 @@ class DecisionRow(Row):
             )
             for robot in scenario.robots
         }
-        first: list[Duration] = []
-        later: list[Duration] = []
+        first: list[Array] = []
+        later: list[Array] = []
         phases_ms: defaultdict[str, list[float]] = defaultdict(list)
         failures = dict.fromkeys(agents, 0)
         while not world.over and (world.step < 2 or len(later) < most):
             observations, commands = world.observations(), {}
             for robot, agent in agents.items():
                 progress.begin(f"whole decisions: {scenario.name}, step {world.step}")
-                timer = Timer()
+                begin_ms = clocks_ms()
                 decision = agent.decide(observations[robot])
-                duration = timer.read()
+                duration_ms = clocks_ms() - begin_ms
                 if decision is None:
                     continue
-                commands[robot] = decision.command
-                failures[robot] = decision.mind.solver_failures
-                if decision.mind.arrived:
-                    continue
-                (later if world.step else first).append(duration)
-                if world.step:
-                    for phase in PHASES:
-                        phases_ms[phase].append(getattr(decision.mind.timings_ms, phase))
+                commands[robot], mind = decision.command, decision.mind
+                failures[robot] = mind.solver_failures
+                if not mind.arrived:
+                    (later if world.step else first).append(duration_ms)
+                    for phase in PHASES if world.step else ():
+                        phases_ms[phase].append(getattr(mind.timings_ms, phase))
             world.advance(commands)
         return cls(
             scenario=scenario.name,
@@ -270,16 +266,14 @@ class DecisionRow(Row):
 
     def lines(self) -> Iterable[Iterable[Cell]]:
         """Thread CPU time with wall-clock time beside it."""
-        decisions, phases = self.first.count + self.later.count, (self.phases_cpu[each] for each in PHASES)
-        yield (
-            *(self.scenario, self.robots, decisions, *_times(self.later), self.first.cpu.max_ms),
-            *(phase.p99_ms for phase in phases),
-            *(self.unsolved, self.verdict),
-        )
+        decisions = self.first.count + self.later.count
+        times = *_times(self.later), self.first.cpu.max_ms
+        phases = (self.phases_cpu[phase].p99_ms for phase in PHASES)
+        yield self.scenario, self.robots, decisions, *times, *phases, self.unsolved, self.verdict
 
 
-def _followed(loop: Iterable[Solved], what: str, progress: Progress) -> list[Solved]:
-    """All of a loop."""
+def _whole(loop: Iterable[Solved], what: str, progress: Progress) -> list[Solved]:
+    """A closed loop to its end."""
     result = []
     for solved in loop:
         result.append(solved)

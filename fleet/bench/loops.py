@@ -11,11 +11,10 @@ from agent.estimate.goals import known_goal
 from agent.remember.memory import Memory
 from agent.solve import ITERATIONS, Deadline, SolverName, joint_solver
 from agent.solve.multistart import WarmStarts, best_solution
-from agent.solve.problem import JointProblem, Solution, Start, joint_problem
+from agent.solve.problem import JointProblem, Solution, Start, braking_inputs, joint_problem
 from agent.solve.vehicle import Array, rollout
-from fleet.bench.measuring import Duration, Timer
+from fleet.bench.measuring import clocks_ms
 from protocol.scenario import Pose, Scenario, ScenarioRobot
-from protocol.vehicle import Input, braking_input
 
 SPACING_M = 1.5
 """Least distance of two starts and of two goals; robots park safely from 1.39 m on."""
@@ -84,7 +83,8 @@ class Solved:
     problem: JointProblem
     starts: Sequence[Start]
     solution: Solution
-    duration: Duration
+    duration_ms: Array
+    """As of :func:`fleet.bench.measuring.clocks_ms`."""
     unsolved: int
     """Starts from which no solution was found."""
 
@@ -108,9 +108,9 @@ class TimedSolver:
 
     def best(self, problem: JointProblem, starts: Sequence[Start]) -> Solved:
         """Solve from each start and take the best solution."""
-        self._unsolved, timer = 0, Timer()
+        self._unsolved, begin_ms = 0, clocks_ms()
         solution = best_solution(self, problem, starts, NO_DEADLINE)
-        return Solved(problem, starts, solution, timer.read(), self._unsolved)
+        return Solved(problem, starts, solution, clocks_ms() - begin_ms, self._unsolved)
 
 
 def drive(
@@ -145,17 +145,8 @@ def drive(
             driven = solved.solution.inputs[:, :1]
         else:
             warm_starts.forget()
-            driven = _braking(problem)
+            driven = braking_inputs(problem)[:, :1]
         states = rollout(problem.states, driven, problem.step_s)[:, -1]
-
-
-def _braking(problem: JointProblem) -> Array:
-    """Inputs (M, 1, 2) of one step of braking."""
-    before = zip(problem.limits, problem.previous_inputs.tolist(), problem.states[:, 3].tolist(), strict=True)
-    inputs = [
-        braking_input(limits, Input(*previous), speed, problem.step_s) for limits, previous, speed in before
-    ]
-    return np.array(inputs)[:, None]
 
 
 def cost(loop: Sequence[Solved]) -> float:
@@ -165,13 +156,8 @@ def cost(loop: Sequence[Solved]) -> float:
 
 def shortfall_m(loop: Sequence[Solved]) -> float:
     """By how much two robots came closer than their safety distance while driving, in m; at the worst."""
-    ones, others = np.triu_indices(len(loop[0].problem.states), 1)
-    worst_m = 0.0
-    for problem in (each.problem for each in loop):
-        lines = problem.states[ones, :2] - problem.states[others, :2]
-        gaps_m = problem.safety_distances[ones, others] - np.hypot(lines[:, 0], lines[:, 1])
-        worst_m = max(worst_m, float(gaps_m.max(initial=0.0)))
-    return worst_m
+    safe_m = loop[0].problem.safety_distances[np.triu_indices(len(loop[0].problem.states), 1)]
+    return float((safe_m - np.linalg.norm(_lines(loop), axis=-1)).max(initial=0.0))
 
 
 def passed_alike(one: Sequence[Solved], other: Sequence[Solved]) -> bool:
@@ -179,14 +165,20 @@ def passed_alike(one: Sequence[Solved], other: Sequence[Solved]) -> bool:
 
     They did if both loops turned the line between the two by the same angle, up to less than half a turn.
     """
-    return bool((np.abs(_turns(one) - _turns(other)) < np.pi).all())
+    return bool((np.abs(_turns_rad(one) - _turns_rad(other)) < np.pi).all())
 
 
-def _turns(loop: Sequence[Solved]) -> Array:
-    """By how much the line between any two robots turned, in rad."""
-    positions = np.array([each.problem.states[:, :2] for each in loop])
-    ones, others = np.triu_indices(positions.shape[1], 1)
-    lines = positions[:, ones] - positions[:, others]
-    angles = np.unwrap(np.arctan2(lines[..., 1], lines[..., 0]), axis=0)
+def _turns_rad(loop: Sequence[Solved]) -> Array:
+    """By how much the line between any two robots turned, shape (pairs,)."""
+    x_m, y_m = np.moveaxis(_lines(loop), -1, 0)
+    angles = np.unwrap(np.arctan2(y_m, x_m), axis=0)
     turns: Array = angles[-1] - angles[0]
     return turns
+
+
+def _lines(loop: Sequence[Solved]) -> Array:
+    """From one robot to another, in m, shape (steps, pairs, 2)."""
+    positions = np.array([each.problem.states[:, :2] for each in loop])
+    ones, others = np.triu_indices(positions.shape[1], 1)
+    lines: Array = positions[:, ones] - positions[:, others]
+    return lines

@@ -2,34 +2,24 @@
 
 import time
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from enum import StrEnum
 from typing import Annotated, ClassVar, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field
-from rich.table import Table
 
+from agent.solve.vehicle import Array
 from chassis.files import Record
 from fleet.interruption import Interruption
-from fleet.record.report import new_table, number
 
 MOST_ROBOTS = 32
 """More find no room on the border of the area of ±10 m."""
 
-Count = Annotated[int, Field(ge=1)]
-
-
-class SectionName(StrEnum):
-    """The sections of a bench, in the order in which they are measured."""
-
-    PREDICTION = "prediction"
-    COMPARISON = "comparison"
-    DECISION = "decision"
-    BUS = "bus"
-    RUNS = "runs"
-    STARTUP = "startup"
-    COMPILING = "compiling"
+SectionName = StrEnum(
+    "SectionName", ["prediction", "comparison", "decision", "bus", "runs", "startup", "compiling"]
+)
+"""In the order in which they are measured."""
 
 
 class Settings(Record):
@@ -37,37 +27,31 @@ class Settings(Record):
 
     sections: tuple[SectionName, ...] = tuple(SectionName)
     robots: tuple[Annotated[int, Field(ge=2, le=MOST_ROBOTS)], ...] = (2, 4, 8, 16, 32)
-    seed: Annotated[int, Field(ge=0)] = 0
-    """Of the first random crossing; the others take the numbers after it."""
-    crossings: Count = 40
-    """Random crossings of up to eight robots."""
-    steps: Annotated[int, Field(ge=2)] = 100
-    """Of each closed loop of the joint prediction."""
-    decisions: Count = 1600
-    """After so many, a closed loop of whole decisions ends whose robots have not arrived before."""
-    rounds: Count = 200
-    """Over the bus, for each number of robots."""
-    starts: Count = 3
-    """Of a single agent's process."""
-    reference: bool = True
-    """Whether the reference solver is measured too."""
+    crossings: int = Field(
+        40, ge=1, description="Random crossings for each number up to 8; fewer for more robots."
+    )
+    seed: int = Field(
+        0, ge=0, description="Seed of the first random crossing; the others take the next ones."
+    )
+    steps: int = Field(100, ge=2, description="Steps of each closed loop of the joint prediction.")
+    decisions: int = Field(
+        1600, ge=1, description="Decisions after which a closed loop of whole decisions ends."
+    )
+    rounds: int = Field(200, ge=1, description="Rounds over the bus for each number of robots.")
+    starts: int = Field(3, ge=1, description="Starts of a single agent's process, up to its readiness.")
+    reference: bool = Field(True, description="Compare with the reference solver, which takes minutes.")
 
     def crossings_of(self, robots: int) -> int:
         """Fewer where there are more robots, whose loops take long."""
         return max(1, round(self.crossings * min(1.0, (8.0 / robots) ** 2)))
 
 
-class Progress:
-    """Shows what the bench is doing, and ends it between two pieces of work.
+class Progress(NamedTuple):
+    """Shows what the bench is doing, and ends it between two pieces of work."""
 
-    Args:
-        interruption: the wish to end.
-        show: shows a line to the person who waits.
-    """
-
-    def __init__(self, interruption: Interruption, show: Callable[[str], None]) -> None:
-        self.interruption = interruption
-        self._show = show
+    interruption: Interruption
+    show: Callable[[str], object]
+    """Shows a line to the person who waits."""
 
     def begin(self, work: str) -> None:
         """Announce the next piece of work.
@@ -77,25 +61,16 @@ class Progress:
         """
         if self.interruption.requested:
             raise KeyboardInterrupt
-        self._show(work)
+        self.show(work)
 
 
-class Duration(NamedTuple):
-    """How long one piece of work took on this thread, in ms."""
+def clocks_ms() -> Array:
+    """CPU time of this thread and wall-clock time, shape (2,), in ms from any fixed points.
 
-    cpu_ms: float
-    wall_ms: float
-
-
-class Timer:
-    """A stopwatch that runs from its making; its wall clock counts the work of other processes too."""
-
-    def __init__(self) -> None:
-        self._cpu_s, self._wall_s = time.thread_time(), time.perf_counter()
-
-    def read(self) -> Duration:
-        """The time since it was made."""
-        return Duration(1e3 * (time.thread_time() - self._cpu_s), 1e3 * (time.perf_counter() - self._wall_s))
+    Two readings differ by how long the work between them took; its wall-clock time counts the work of other
+    processes too.
+    """
+    return 1e3 * np.array([time.thread_time(), time.perf_counter()])
 
 
 class Distribution(Record):
@@ -121,9 +96,9 @@ class Times(Record):
     wall: Distribution
 
     @classmethod
-    def of(cls, durations: Iterable[Duration]) -> Self:
-        """Of at least one duration."""
-        cpu_ms, wall_ms = zip(*durations, strict=True)
+    def of(cls, durations_ms: Iterable[Array]) -> Self:
+        """Of at least one difference of :func:`clocks_ms`."""
+        cpu_ms, wall_ms = np.transpose(list(durations_ms))
         return cls(count=len(cpu_ms), cpu=Distribution.of(cpu_ms), wall=Distribution.of(wall_ms))
 
 
@@ -151,17 +126,6 @@ class Row(Record):
             Refusal: a process that it needs has failed.
         """
 
-    @abstractmethod
     def lines(self) -> Iterable[Iterable[Cell]]:
-        """The row in the table, which is mostly one line."""
-
-
-def table(rows: Sequence[Row]) -> Table:
-    """The table of a section that has rows."""
-    result = new_table(rows[0].title, *rows[0].headers.split("|"), names=rows[0].names)
-    for row in rows:
-        for line in row.lines():
-            result.add_row(*(cell if isinstance(cell, str) else number(cell) for cell in line))
-        if row.names > 1:
-            result.add_section()
-    return result
+        """The row in the table: one line with all of its fields, if nothing else is said."""
+        yield dict(self).values()

@@ -1,12 +1,15 @@
-"""Sections of real processes: runs of a scenario, the start of agents, and the compiling of the kernels."""
+"""Sections of real processes: the bus alone, runs of a scenario, the start of agents, and compiling."""
 
 import os
 import resource
+import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, suppress
+from datetime import UTC, datetime
+from enum import StrEnum
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple, Self
@@ -14,55 +17,163 @@ from typing import NamedTuple, Self
 import psutil
 import zenoh
 
-from agent.process.options import DecisionOptions
+from agent.process.options import DecisionOptions, RobotOptions
 from agent.process.warm import warm_up
 from chassis.refusal import ExitStatus, Refusal
-from fleet.bench.bus import RUN, await_robots
 from fleet.bench.decisions import BUNDLED
 from fleet.bench.loops import circle
-from fleet.bench.measuring import Cell, Progress, Row, Settings
+from fleet.bench.measuring import Cell, Distribution, Progress, Row, Settings
+from fleet.keys.authority import LOCAL_HOSTS, Device, folder_of
+from fleet.keys.folders import create
 from fleet.record.experiment import Experiment, prepare
 from fleet.record.recording import BusMessage
 from fleet.record.report import MIB
 from fleet.record.summary import Tally
-from fleet.run.launch import run_processes
+from fleet.run.launch import Logins, run_processes
 from fleet.run.processes import Processes
-from protocol.keys import Keys
+from protocol.identity import load_device_keys
+from protocol.keys import WORLD_NAME, Keys
 from protocol.messages import PublicScene, Truth
-from protocol.session import world_session
+from protocol.policy import access_control, rights_of
+from protocol.session import SessionSettings, world_session
 from world.bus import Bus, Inbox
 from world.clock import ClockKind
+from world.world import World
 
+RUN = "bench"
+LOOK_S = 0.05
+LOST_S = 5.0
+"""A round that lasts longer has lost a message."""
 LOOK_STEPS = 10
 """The agents' memory is looked at every so many steps."""
 TOGETHER = 8
 """Agents that are started at once, unless fewer robots are wanted."""
-LOOK_S = 0.2
-WARM_UP = f"""
-import os
-if hasattr(os, "sched_setaffinity"):
-    os.sched_setaffinity(0, {{min(os.sched_getaffinity(0))}})
-from {warm_up.__module__} import warm_up
-warm_up("ioc", "realtime")
-"""
+MAKES_READY = warm_up.__module__
 
 
-class Usage(NamedTuple):
-    """What a process has used so far."""
+class Protection(StrEnum):
+    """What protects a bus, and over which link; as the table names it."""
 
-    resident_mib: float
-    cpu_s: float
+    NONE = "socket, open"
+    PASSWORDS = "socket, policy by passwords"
+    NONE_TCP = "TCP, open"
+    CERTIFICATES = "TLS, policy by certificates"
 
 
-def agents_usage() -> list[Usage]:
-    """That of each process ``python -m agent`` among our children."""
-    usages = []
+class Star(NamedTuple):
+    """A world's session that is yet to be opened, and how robots reach it."""
+
+    world: SessionSettings
+    endpoint: str
+    proofs: Mapping[str, dict[str, str]]
+    """By robot, the settings of its process that prove who it is."""
+
+
+def star(protection: Protection, directory: Path, keys: Keys, robots: list[str]) -> Star:
+    """A bus that nobody has opened yet; the directory is for its socket, passwords or keys."""
+    rights = rights_of(keys, robots)
+    endpoint = f"unixsock-stream/{directory}/world.sock"
+    if protection in (Protection.NONE_TCP, Protection.CERTIFICATES):
+        with closing(socket.create_server(("127.0.0.1", 0))) as free:
+            port = free.getsockname()[1]
+        endpoint = f"{'tls' if protection is Protection.CERTIFICATES else 'tcp'}/127.0.0.1:{port}"
+    if protection is Protection.PASSWORDS:
+        logins = Logins(directory, robots)
+        users = Path(logins.of_world()["users"])
+        world = world_session(endpoint, access_control(rights, "usernames"), users)
+        return Star(world, endpoint, {robot: logins.of_robot(robot) for robot in robots})
+    if protection is Protection.CERTIFICATES:
+        folder, now = directory / "keys", datetime.now(UTC)
+        create(folder, [Device(WORLD_NAME, LOCAL_HOSTS), *map(Device, robots)], now, days=1, authority_days=2)
+        own = load_device_keys(folder / folder_of(WORLD_NAME), now)
+        world = world_session(endpoint, access_control(rights, "cert_common_names"), own)
+        return Star(world, endpoint, {robot: {"keys": str(folder / folder_of(robot))} for robot in robots})
+    return Star(world_session(endpoint), endpoint, {robot: {} for robot in robots})
+
+
+class BusRow(Row):
+    """Rounds with one number of robots, each in a process of its own."""
+
+    title = "Bus alone: a step's observations out, all its commands back"
+    headers = "Protection|Robots|Rounds|Wall ms\nmedian|\np99|\nmax"
+
+    robots: int
+    protection: str
+    rounds: int
+    wall: Distribution
+    """From the first observation put until the last command is there: both ways, packing and checking of
+    messages, and the waiting for a core included."""
+
+    @classmethod
+    def measure(cls, settings: Settings, progress: Progress) -> Iterator[Self]:
+        """One row for each number of robots and each protection."""
+        for robots in settings.robots:
+            for protection in Protection:
+                wall = Distribution.of(_rounds_ms(robots, protection, settings.rounds, progress))
+                yield cls(robots=robots, protection=protection, rounds=settings.rounds, wall=wall)
+
+    def lines(self) -> Iterable[Iterable[Cell]]:
+        """Wall-clock time alone."""
+        wall = self.wall
+        yield self.protection, self.robots, self.rounds, wall.median_ms, wall.p99_ms, wall.max_ms
+
+
+def _rounds_ms(robots: int, protection: Protection, rounds: int, progress: Progress) -> list[float]:
+    scenario, keys = circle(robots), Keys(RUN)
+    scene = PublicScene(epoch=0, scene=scenario.scene(with_goals=False))
+    observations = World(scenario, seed=0, epoch=0).observations()
+    inbox, durations_ms = Inbox(observations), []
+    with TemporaryDirectory(prefix="unspoken-bench-") as directory, Processes(Path(directory)) as processes:
+        bus_star = star(protection, Path(directory), keys, list(observations))
+        with zenoh.open(bus_star.world.to_zenoh()) as session:
+            bus = Bus(session, keys, scene, tuple(observations), inbox)
+            for robot, proof in bus_star.proofs.items():
+                options = {"robot": robot, "run": RUN, "connect": bus_star.endpoint, **proof}
+                processes.start(f"echo-{robot}", "fleet.bench.echo", options)
+            _await_robots(f"bus: waiting for {robots} robots", robots, inbox, processes, progress)
+            for step in range(rounds):
+                progress.begin(f"bus: {robots} robots, {protection}, round {step + 1}")
+                now = {robot: each.model_copy(update={"step": step}) for robot, each in observations.items()}
+                inbox.begin_step()
+                begin_s = time.perf_counter()
+                bus.publish_observations(now)
+                gather(set(now), inbox)
+                durations_ms.append(1e3 * (time.perf_counter() - begin_s))
+    return durations_ms
+
+
+def _await_robots(what: str, count: int, inbox: Inbox, processes: Processes, progress: Progress) -> None:
+    """Return when so many robots are present at the world of this inbox."""
+    begin_s = time.perf_counter()
+    while len(inbox.take(LOOK_S).present) < count:
+        progress.begin(f"{what}: {time.perf_counter() - begin_s:.1f} s")
+        if ended := processes.ended():
+            raise Refusal("\n".join(ended.values()), ExitStatus.FAILED)
+
+
+def gather(awaited: set[str], inbox: Inbox) -> None:
+    """Return when a command of each of these robots is there.
+
+    Raises:
+        Refusal: one is missing after ``LOST_S``.
+    """
+    until_s = time.monotonic() + LOST_S
+    while awaited:
+        awaited -= {robot for robot, _ in inbox.take(until_s - time.monotonic()).commands}
+        if awaited and time.monotonic() >= until_s:
+            missing = f"no answer of robot {', '.join(sorted(awaited))} within {LOST_S:g} s"
+            raise Refusal(f"the bus lost a message: {missing}", ExitStatus.FAILED)
+
+
+def agents_usage() -> tuple[float, float]:
+    """The most resident memory in MiB, and CPU time in s, of any process ``python -m agent`` of ours."""
+    mib, cpu_s = [0.0], [0.0]
     for child in psutil.Process().children():
         with suppress(psutil.NoSuchProcess):  # it has ended meanwhile
             if child.cmdline()[-2:] == ["-m", "agent"]:
-                times = child.cpu_times()
-                usages.append(Usage(child.memory_info().rss / MIB, times.user + times.system))
-    return usages
+                mib.append(child.memory_info().rss / MIB)
+                cpu_s.append(sum(child.cpu_times()[:2]))
+    return max(mib), max(cpu_s)
 
 
 class RunRow(Row):
@@ -87,11 +198,11 @@ class RunRow(Row):
     collisions: int
     not_arrived: int
     """Robots."""
-    unsolved: int
-    """Problems, over all robots."""
     decide_p50_ms: float | None
     """Wall-clock time of a whole decision; with more processes than cores it holds the others' time too."""
     decide_p99_ms: float | None
+    unsolved: int
+    """Problems, over all robots."""
     agent_resident_mib: float
     """Of the largest agent at any time of the run."""
 
@@ -99,15 +210,9 @@ class RunRow(Row):
     def measure(cls, settings: Settings, progress: Progress) -> Iterator[Self]:
         """One row a clock, of the largest bundled scenario with a number of robots that is wanted."""
         if wanted := BUNDLED.keys() & set(settings.robots):
+            name, decisions = BUNDLED[max(wanted)], DecisionOptions(goals="ioc")
             for clock in ClockKind:
-                experiment = prepare(
-                    BUNDLED[max(wanted)],
-                    DecisionOptions(goals="ioc"),
-                    clock=clock.value,
-                    seed=0,
-                    policy=True,
-                )
-                yield cls._of(experiment, progress)
+                yield cls._of(prepare(name, decisions, clock=clock.value, seed=0, policy=True), progress)
 
     @classmethod
     def _of(cls, experiment: Experiment, progress: Progress) -> Self:
@@ -124,8 +229,7 @@ class RunRow(Row):
                     if isinstance(item.message, Truth):
                         progress.begin(f"{what}, step {item.message.step}")
                         if len(times_ns) % LOOK_STEPS == 0:
-                            largest_mib = max((each.resident_mib for each in agents_usage()), default=0.0)
-                            resident_mib = max(resident_mib, largest_mib)
+                            resident_mib = max(resident_mib, agents_usage()[0])
                         times_ns.append(item.time_ns)
         summary = tally.summary(experiment.facts)
         robots = len(summary.robots)
@@ -148,11 +252,9 @@ class RunRow(Row):
 
     def lines(self) -> Iterable[Iterable[Cell]]:
         """Wall-clock time alone."""
-        yield (
-            *(self.scenario, self.clock, self.robots, self.verdict, self.steps, self.steps_per_s),
-            *(self.deadline_misses, self.deadline_misses_percent, self.decide_p50_ms, self.decide_p99_ms),
-            *(self.unsolved, self.agent_resident_mib),
-        )
+        shown = dict(self)
+        del shown["collisions"], shown["not_arrived"]
+        yield shown.values()
 
 
 class StartupRow(Row):
@@ -174,18 +276,10 @@ class StartupRow(Row):
     @classmethod
     def measure(cls, settings: Settings, progress: Progress) -> Iterator[Self]:
         """One row for an agent alone, one for several at once."""
-        yield cls._of(1, settings.starts, progress)
-        yield cls._of(min(TOGETHER, max(settings.robots)), 1, progress)
-
-    @classmethod
-    def _of(cls, together: int, starts: int, progress: Progress) -> Self:
-        begun = [_start(together, progress) for _ in range(starts)]
-        ready_s, cpu_s, resident_mib = (max(values) for values in zip(*begun, strict=True))
-        return cls(together=together, starts=starts, ready_s=ready_s, cpu_s=cpu_s, resident_mib=resident_mib)
-
-    def lines(self) -> Iterable[Iterable[Cell]]:
-        """All of it."""
-        yield self.together, self.starts, self.ready_s, self.cpu_s, self.resident_mib
+        for together, starts in (1, settings.starts), (min(TOGETHER, max(settings.robots)), 1):
+            begun = [_start(together, progress) for _ in range(starts)]
+            ready_s, cpu_s, mib = (max(values) for values in zip(*begun, strict=True))
+            yield cls(together=together, starts=starts, ready_s=ready_s, cpu_s=cpu_s, resident_mib=mib)
 
 
 def _start(count: int, progress: Progress) -> tuple[float, float, float]:
@@ -203,17 +297,13 @@ def _start(count: int, progress: Progress) -> tuple[float, float, float]:
             _bus = Bus(session, Keys(RUN), scene, (), inbox)
             begin_s = time.perf_counter()
             for robot in scenario.robots:
-                goal = robot.goal_pose()
-                options = {"goal": f"{goal.x_m!r},{goal.y_m!r},{goal.heading_rad!r}", "robot": robot.id}
-                options |= {"connect": endpoint, "run": RUN, "goals": "ioc", "solver": "realtime"}
-                processes.start(f"robot-{robot.id}", "agent", options)
-
-            def beat() -> None:
-                progress.begin(f"start-up of {count}: {time.perf_counter() - begin_s:.1f} s")
-
-            await_robots(count, inbox, processes, beat)
-            ready_s, usages = time.perf_counter() - begin_s, agents_usage()
-    return ready_s, max(each.cpu_s for each in usages), max(each.resident_mib for each in usages)
+                own = RobotOptions(
+                    robot=robot.id, goal=robot.goal_pose(), connect=endpoint, run=RUN, goals="ioc"
+                )
+                processes.start(f"robot-{robot.id}", "agent", own.as_environment())
+            _await_robots(f"start-up of {count}", count, inbox, processes, progress)
+            ready_s, (resident_mib, cpu_s) = time.perf_counter() - begin_s, agents_usage()
+    return ready_s, cpu_s, resident_mib
 
 
 class CompilingRow(Row):
@@ -237,15 +327,11 @@ class CompilingRow(Row):
                 wall_s = time.perf_counter() - begin_s
                 yield cls(cache=cache, cpu_s=_children_cpu_s() - before_s, wall_s=wall_s)
 
-    def lines(self) -> Iterable[Iterable[Cell]]:
-        """All of it."""
-        yield self.cache, self.cpu_s, self.wall_s
-
 
 def _compile(cache: str, what: str, progress: Progress) -> None:
     begin_s = time.perf_counter()
-    process = subprocess.Popen(
-        [sys.executable, "-P", "-c", WARM_UP],
+    process = psutil.Popen(
+        [sys.executable, "-P", "-c", f"import {MAKES_READY} as made; made.warm_up('ioc', 'realtime')"],
         env={**os.environ, "NUMBA_CACHE_DIR": cache},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
@@ -254,18 +340,18 @@ def _compile(cache: str, what: str, progress: Progress) -> None:
     )
     with process:
         try:
+            if hasattr(process, "cpu_affinity"):
+                process.cpu_affinity(process.cpu_affinity()[:1])
             while process.poll() is None:
                 progress.begin(f"{what}: {time.perf_counter() - begin_s:.0f} s")
-                with suppress(subprocess.TimeoutExpired):
-                    process.wait(LOOK_S)
+                time.sleep(LOOK_S)
         finally:
             process.kill()
-        said = process.stderr.read().decode(errors="replace") if process.stderr else ""
+        said = process.stderr.read().decode(errors="replace")
     if process.returncode:
         raise Refusal(f"compiling ended with exit status {process.returncode}:\n{said}", ExitStatus.FAILED)
 
 
 def _children_cpu_s() -> float:
     """CPU time of all our children that have ended."""
-    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return usage.ru_utime + usage.ru_stime
+    return sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])

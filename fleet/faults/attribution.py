@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.drive.safety import braking_path, positions_ahead
-from agent.solve.vehicle import Array
 from protocol.messages import TrueRobot, Truth
 from protocol.scene import Scene
 from protocol.vehicle import Input
@@ -41,72 +40,41 @@ def avoidable_collisions(truths: Sequence[Truth], scene: Scene, healthy: Collect
         healthy: robots that may be blamed.
     """
     by_step = {truth.step: truth.robots for truth in truths}
+    contacts = {pair: truth.step for truth in reversed(truths) for pair in truth.collisions}
     found = []
-    for pair, contact in _contacts(truths).items():
+    for pair, contact in sorted(contacts.items(), key=lambda each: each[1]):
         for robot, other in (pair, pair[::-1]):
-            if robot in healthy:
-                chance = _last_chance(by_step, scene, robot, other, contact)
-                if chance is not None:
-                    found.append(Avoidable(robot, other, contact, chance))
+            chance = _last_chance(by_step, scene, robot, other, contact) if robot in healthy else None
+            if chance is not None:
+                found.append(Avoidable(robot, other, contact, chance))
     return found
-
-
-def _contacts(truths: Sequence[Truth]) -> dict[tuple[str, str], int]:
-    """The step of each collision by its pair."""
-    contacts: dict[tuple[str, str], int] = {}
-    for truth in truths:
-        for pair in truth.collisions:
-            contacts.setdefault(pair, truth.step)
-    return contacts
 
 
 def _last_chance(
     by_step: Mapping[int, Mapping[str, TrueRobot]], scene: Scene, robot: str, other: str, contact: int
 ) -> int | None:
+    """The last step at which both would have met as they went on, and braking would have prevented it."""
+    least_m, limits = scene.collision_distance_m(robot, other), scene.robot(robot).limits
     for step in range(contact - 1, -1, -1):
-        robots = by_step.get(step, {})
-        if robot not in robots or other not in robots:
+        there = by_step.get(step, {})
+        if robot not in there or other not in there:
             return None
-        braking = _braking(robots[robot], scene, robot)
-        if not _in_sight(robots[robot], robots[other], scene, (robot, other), len(braking) + 1):
+        pair = there[robot], there[other]
+        states = np.array([each.state.as_tuple() for each in pair])
+        turns = np.array([each.turn_rate_radps for each in pair])
+        applied = Input(pair[0].turn_rate_radps, pair[0].acceleration_mps2)
+        braking = braking_path(states[0], applied, limits, scene.step_s)
+        one, two = positions_ahead(states, turns, np.zeros(2), len(braking) + 1, scene.step_s)
+        if np.linalg.norm(one - two, axis=-1).min() >= least_m:
             continue
-        if _stays_clear(braking, by_step, scene, (robot, other), step, contact):
+        until = max(contact, step + len(braking) - 1) + round(AFTERWARDS_S / scene.step_s)
+        for later in range(step + 1, until + 1):
+            met = by_step.get(later, {}).get(other)
+            if met is None:  # it drives as it did, and is gone before they meet
+                return step
+            own = braking[min(later - step, len(braking) - 1)]
+            if np.hypot(own[0] - met.state.x_m, own[1] - met.state.y_m) < least_m:
+                break
+        else:
             return step
     return None
-
-
-def _braking(robot: TrueRobot, scene: Scene, name: str) -> Array:
-    applied = Input(robot.turn_rate_radps, robot.acceleration_mps2)
-    return braking_path(_state(robot), applied, scene.robot(name).limits, scene.step_s)
-
-
-def _in_sight(robot: TrueRobot, other: TrueRobot, scene: Scene, names: tuple[str, str], steps: int) -> bool:
-    """Whether both would meet within some steps if they went on as they are."""
-    states = np.array([_state(robot), _state(other)])
-    turns = np.array([robot.turn_rate_radps, other.turn_rate_radps])
-    one, two = positions_ahead(states, turns, np.zeros(2), steps, scene.step_s)
-    return bool(np.linalg.norm(one - two, axis=-1).min() < scene.collision_distance_m(*names))
-
-
-def _stays_clear(
-    braking: Array,
-    by_step: Mapping[int, Mapping[str, TrueRobot]],
-    scene: Scene,
-    names: tuple[str, str],
-    step: int,
-    contact: int,
-) -> bool:
-    """Whether a robot that brakes from a step on is not met by the other, which drives as it did."""
-    until = max(contact, step + len(braking) - 1) + round(AFTERWARDS_S / scene.step_s)
-    for later in range(step + 1, until + 1):
-        there = by_step.get(later, {}).get(names[1])
-        if there is None:
-            return True
-        own = braking[min(later - step, len(braking) - 1)]
-        if np.hypot(own[0] - there.state.x_m, own[1] - there.state.y_m) < scene.collision_distance_m(*names):
-            return False
-    return True
-
-
-def _state(robot: TrueRobot) -> Array:
-    return np.array(robot.state.as_tuple())

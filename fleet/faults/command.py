@@ -2,11 +2,13 @@
 
 import json as to_json
 from collections.abc import Iterator, Sequence
+from itertools import product
 from pathlib import Path
 from statistics import median
 from typing import Annotated
 
 import typer
+from pydantic_core import PydanticCustomError
 from rich.console import Console
 from rich.table import Table
 
@@ -17,7 +19,7 @@ from chassis.refusal import ExitStatus, Refusal
 from fleet.evaluate.running import local_cluster, outcomes
 from fleet.faults.cases import BUNDLED, Case, load_cases
 from fleet.faults.trial import Outcome, Trial, in_processes, in_virtual_time
-from fleet.inject.scenario import unknown_robot
+from fleet.inject.scenario import check_robots
 from fleet.interruption import Interruption, announced, compile_solver
 from fleet.record.report import (
     CORES,
@@ -72,14 +74,9 @@ def faults(
     Exit status: 0 everything held, 1 something did not, or interrupted, 2 wrong usage, 3 the trials could not
     be made.
     """
-    path = suite or BUNDLED
-    cases = _chosen(path, only, numbers_in(robots), processes)
-    trials = [
-        Trial(case, number, seed, goals)
-        for case in cases
-        for number in numbers_in(robots)
-        for seed in range(first_seed, first_seed + seeds)
-    ]
+    cases = _chosen(suite or BUNDLED, only, numbers_in(robots), processes)
+    tried = product(cases, numbers_in(robots), range(first_seed, first_seed + seeds))
+    trials = [Trial(case, number, seed, goals) for case, number, seed in tried]
     console = Console(highlight=False, stderr=json == TO_STDOUT)
     errors = Console(highlight=False, stderr=True)
     done: list[Outcome] = []
@@ -95,16 +92,25 @@ def faults(
     done.sort(key=lambda each: order[each.case, each.robots, each.seed])
     if done:
         console.print(_table(done))
+    failed = [each for each in done if each.violations]
     command = " ".join(["unspoken faults", *([str(suite)] if suite else []), f"--goals {goals}"])
-    for text in _failures(done, command + (" --processes" if processes else "")):
-        console.print(text, markup=False, soft_wrap=True)
+    command += " --processes" if processes else ""
+    for each in failed:
+        console.print(
+            f"{each.case}, {each.robots} robots, seed {each.seed}: {'; '.join(each.violations)}\n"
+            f"  {command} --only {each.case} --robots {each.robots} --first-seed {each.seed} --seeds 1",
+            markup=False,
+            soft_wrap=True,
+        )
+    complete = len(done) == len(trials)
     if json is not None:
-        write_report(_report(done, len(trials)), json)
+        report = {"schema": VERSION, "complete": complete, "trials": [each.model_dump() for each in done]}
+        write_report(to_json.dumps(report, indent=2), json)
     if complaint is not None:
         raise complaint
-    if len(done) < len(trials):
+    if not complete:
         errors.print(f"Interrupted: {len(done)} of {len(trials)} trials were made")
-    if len(done) < len(trials) or any(each.violations for each in done):
+    if failed or not complete:
         raise typer.Exit(ExitStatus.UNMET)
 
 
@@ -123,11 +129,12 @@ def _chosen(path: Path, only: list[str] | None, robots: Sequence[int], processes
     if not chosen:
         raise typer.BadParameter("in virtual time these cases mean nothing; give --processes")
     for case in chosen:
-        if found := unknown_robot(case.faults, [str(index + 1) for index in range(min(robots))]):
+        try:
+            check_robots(case.faults, [str(index + 1) for index in range(min(robots))])
+        except PydanticCustomError as error:
             raise typer.BadParameter(
-                f"case {case.name!r} of {path}, {found[0]}: {found[1]}; give larger numbers",
-                param_hint="--robots",
-            )
+                f"case {case.name!r} of {path}: {error}; give larger numbers", param_hint="--robots"
+            ) from None
     return chosen
 
 
@@ -153,47 +160,18 @@ def _made(trials: Sequence[Trial], workers: int, processes: bool, errors: Consol
             yield from map(shown, made)
 
 
-def _report(done: Sequence[Outcome], wanted: int) -> str:
-    content = {
-        "schema": VERSION,
-        "complete": len(done) == wanted,
-        "trials": [each.model_dump() for each in done],
-    }
-    return to_json.dumps(content, indent=2)
-
-
 def _table(outcomes: Sequence[Outcome]) -> Table:
     """One line a case: in how many trials everything held, how they ended, and how often monitors braked."""
-    table = new_table(
-        "Trials of faults",
-        "Case",
-        "Trials",
-        "Hold",
-        "All\narrived",
-        "With a\ncollision",
-        "Inter-\nventions",
-        "Median\nin s",
-        names=1,
-    )
+    headers = "Case|Trials|Hold|All\narrived|With a\ncollision|Inter-\nventions|Median\nin s"
+    table = new_table("Trials of faults", *headers.split("|"))
     for case in [*dict.fromkeys(each.case for each in outcomes), "all"]:
         several = [each for each in outcomes if case in (each.case, "all")]
-        table.add_row(
-            case,
-            str(len(several)),
-            str(sum(not each.violations for each in several)),
-            str(sum(each.verdict == "arrived" for each in several)),
-            str(sum(each.collisions > 0 for each in several)),
-            str(sum(each.interventions for each in several)),
-            number(median(each.time_s for each in several)),
+        counts = (
+            len(several),
+            sum(not each.violations for each in several),
+            sum(each.verdict == "arrived" for each in several),
+            sum(each.collisions > 0 for each in several),
+            sum(each.interventions for each in several),
         )
+        table.add_row(case, *map(str, counts), number(median(each.time_s for each in several)))
     return table
-
-
-def _failures(outcomes: Sequence[Outcome], command: str) -> list[str]:
-    """What did not hold, each with the command that repeats it."""
-    return [
-        f"{each.case}, {each.robots} robots, seed {each.seed}: {'; '.join(each.violations)}\n"
-        f"  {command} --only {each.case} --robots {each.robots} --first-seed {each.seed} --seeds 1"
-        for each in outcomes
-        if each.violations
-    ]

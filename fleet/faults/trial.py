@@ -5,19 +5,19 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import psutil
-from pydantic import BaseModel, ConfigDict
 
 from agent.estimate import GoalsName
+from chassis.files import Record
 from chassis.refusal import ExitStatus, Refusal
 from fleet.evaluate.running import described, make_ready
-from fleet.faults.cases import Case
-from fleet.faults.invariants import Evidence, lost_steps, violations
+from fleet.faults.cases import Case, Evidence, lost_steps, violations
 from fleet.inject.process_faults import Kill
 from fleet.inject.scenario import Scenario
 from fleet.interruption import Interruption
@@ -57,13 +57,7 @@ class Trial(NamedTuple):
         return drawn.model_copy(update=changes)
 
     def outcome(self, evidence: Evidence, found: list[str], begin_s: float) -> "Outcome":
-        """What came of it.
-
-        Args:
-            evidence: what is known of the run.
-            found: what did not hold.
-            begin_s: when it began, by ``time.perf_counter``.
-        """
+        """What came of it, given what did not hold and when it began by ``time.perf_counter``."""
         end = evidence.end
         return Outcome(
             case=self.case.name,
@@ -82,10 +76,8 @@ class Trial(NamedTuple):
         return self.outcome(Evidence(), [reason], time.perf_counter())
 
 
-class Outcome(BaseModel):
+class Outcome(Record):
     """What came of a trial."""
-
-    model_config = ConfigDict(frozen=True)
 
     case: str
     robots: int
@@ -133,99 +125,78 @@ def in_processes(trial: Trial, interruption: Interruption) -> Outcome:
     Raises:
         KeyboardInterrupt: an interruption came; all processes of the run have ended.
     """
-    begin_s, evidence = time.perf_counter(), Evidence()
+    begin_s, evidence, scenario = time.perf_counter(), Evidence(), trial.scenario()
     cut = [fault.exit_status for fault in trial.case.faults if fault.exit_status is not None]
+    # A process takes seconds to start again, for which lock-step does not wait.
+    restarts = any(isinstance(each, Kill) and each.duration_s for each in trial.case.faults)
     with tempfile.TemporaryDirectory(prefix="unspoken-trial-") as directory:
-        run = _WatchedRun(trial, Path(directory))
-        found = run.follow(interruption)
-        found += run.unlike(cut[:1] or [ExitStatus.DONE, ExitStatus.UNMET])
+        path, out, errors = (Path(directory, name) for name in ("scenario.yaml", "out", "errors"))
+        path.write_text(scenario_text(scenario), encoding="utf-8")
+        clock = "realtime" if restarts else "lockstep"
+        options = [f"--out={out}", f"--goals={trial.goals}", f"--seed={trial.seed}", f"--clock={clock}"]
+        status, found = _watched(["run", str(path), *options], errors, interruption)
+        if status not in (cut[:1] or [ExitStatus.DONE, ExitStatus.UNMET]):
+            said = errors.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+            found.append(f"exit status {status}: {' '.join(said[-3:]) or 'nothing said'}")
         try:
-            for _, message in read_recording(run.out / "run.mcap"):
+            for _, message in read_recording(out / "run.mcap"):
                 evidence.add(message)
         except Refusal as error:
             found.append(f"the recording cannot be read: {error}")
         else:
             # Of a recording that was cut short, the last chunk is missing; what was written before it is not.
-            whole = violations(trial.case, trial.scenario(), trial.seed, evidence)
+            whole = violations(trial.case, scenario, trial.seed, evidence)
             found += lost_steps(evidence) if cut else whole
     return trial.outcome(evidence, found, begin_s)
 
 
-class _WatchedRun:
-    """A run and all processes that belong to it."""
+def _watched(command: list[str], errors: Path, interruption: Interruption) -> tuple[int | None, list[str]]:
+    """Let a command come to its end, and with it all of its processes; what it says goes into a file.
 
-    def __init__(self, trial: Trial, directory: Path) -> None:
-        self.out = directory / "out"
-        self._errors = directory / "errors"
-        self._seen: set[psutil.Process] = set()
-        path = directory / "scenario.yaml"
-        path.write_text(scenario_text(trial.scenario()), encoding="utf-8")
-        command = [
-            "run",
-            str(path),
-            "--out",
-            str(self.out),
-            "--goals",
-            trial.goals,
-            "--seed",
-            str(trial.seed),
-        ]
-        # A process takes seconds to start again, for which lock-step does not wait.
-        restarts = any(isinstance(each, Kill) and each.duration_s for each in trial.case.faults)
-        command += ["--clock", "realtime" if restarts else "lockstep"]
-        with self._errors.open("wb") as errors:
-            self._bench = psutil.Popen(
-                [sys.executable, "-P", "-c", "from fleet.entry import main; main()", *command],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=errors,
-                start_new_session=True,  # Ctrl-C is for whoever makes the trials
-            )
+    Returns:
+        Its exit status, and what was wrong with its processes.
 
-    def follow(self, interruption: Interruption) -> list[str]:
-        """Wait for the end of the run, and make it come; what was wrong with its processes.
-
-        Raises:
-            KeyboardInterrupt: an interruption came.
-        """
-        found: dict[str, None] = {}
-        until_s = time.monotonic() + HANG_S
-        try:
-            while self._bench.poll() is None:
-                if interruption.requested:
-                    raise KeyboardInterrupt
-                if time.monotonic() > until_s:
-                    return [*found, f"it had not ended after {HANG_S:.0f} s"]
-                found |= dict.fromkeys(self._excesses())
-                time.sleep(LOOK_S)
-            _, left = psutil.wait_procs(self._seen, timeout=FAREWELL_S)
-            return [*found, *(f"process {each.pid} of the run was left" for each in left)]
-        finally:
-            self._end()
-
-    def unlike(self, statuses: list[int]) -> list[str]:
-        """The exit status with what was said last, if it is none of these."""
-        if self._bench.returncode in statuses:
-            return []
-        said = self._errors.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        return [f"exit status {self._bench.returncode}: {' '.join(said[-3:]) or 'nothing said'}"]
-
-    def _excesses(self) -> Iterator[str]:
-        try:
-            self._seen.update(self._bench.children(recursive=True))
-            for each in (self._bench, *self._seen):
-                if each.is_running() and each.status() != psutil.STATUS_ZOMBIE:
-                    if each.num_fds() > MOST_FILES:
-                        yield f"a process held more than {MOST_FILES} files open"
-                    if each.memory_info().rss > MOST_MEMORY_BYTES:
-                        yield "a process took more than a gibibyte of memory"
-        except psutil.NoSuchProcess:
-            return  # it has just ended
-
-    def _end(self) -> None:
-        for each in (self._bench, *self._seen):
-            try:
+    Raises:
+        KeyboardInterrupt: an interruption came.
+    """
+    with errors.open("wb") as file:
+        bench = psutil.Popen(
+            [sys.executable, "-P", "-c", "from fleet.entry import main; main()", *command],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=file,
+            start_new_session=True,  # Ctrl-C is for whoever makes the trials
+        )
+    children: set[psutil.Process] = set()
+    found: dict[str, None] = {}
+    until_s = time.monotonic() + HANG_S
+    try:
+        while bench.poll() is None:
+            if interruption.requested:
+                raise KeyboardInterrupt
+            if time.monotonic() > until_s:
+                found[f"it had not ended after {HANG_S:.0f} s"] = None
+                break
+            found |= dict.fromkeys(_excesses(bench, children))
+            time.sleep(LOOK_S)
+        else:
+            _, left = psutil.wait_procs(children, timeout=FAREWELL_S)
+            found |= {f"process {each.pid} of the run was left": None for each in left}
+    finally:
+        for each in (bench, *children):
+            with suppress(psutil.NoSuchProcess):
                 each.kill()
-            except psutil.NoSuchProcess:
-                continue
-        psutil.wait_procs([self._bench, *self._seen], timeout=FAREWELL_S)
+        psutil.wait_procs([bench, *children], timeout=FAREWELL_S)
+    return bench.returncode, list(found)
+
+
+def _excesses(bench: psutil.Popen, children: set[psutil.Process]) -> Iterator[str]:
+    """What a command and its processes take too much of; children that are new are added to those known."""
+    with suppress(psutil.NoSuchProcess):  # it has just ended
+        children.update(bench.children(recursive=True))
+        for each in (bench, *children):
+            if each.is_running() and each.status() != psutil.STATUS_ZOMBIE:
+                if each.num_fds() > MOST_FILES:
+                    yield f"a process held more than {MOST_FILES} files open"
+                if each.memory_info().rss > MOST_MEMORY_BYTES:
+                    yield "a process took more than a gibibyte of memory"

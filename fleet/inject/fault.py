@@ -1,8 +1,8 @@
 """What a fault is, and when it strikes whom: decided by the seed of the run and nothing else.
 
 A kind of fault is one class: its fields, as a scenario or a file of faults lists them, and what it does. To
-add one, derive it from the group of what it acts on (``observation_faults``, ``command_faults``,
-``mind_faults``, ``process_faults``). A list of faults means the same for real processes and in virtual time.
+add one, derive it from the group of what it acts on (in ``link``, ``mind`` or ``process_faults``). A list of
+faults means the same for real processes and in virtual time.
 """
 
 import math
@@ -75,7 +75,7 @@ class RobotFault(Fault):
     """None: every robot."""
 
     def befalls(self, robot: str) -> bool:
-        """Whether it is one of this robot."""
+        """See :class:`Fault`."""
         return self.robots is None or robot in self.robots
 
 
@@ -92,7 +92,6 @@ class Strike(NamedTuple):
     """A fault strikes a robot at a step."""
 
     robot: str
-    step: int
     begin: int
     """The first step of the fault."""
     random: np.random.Generator
@@ -138,7 +137,7 @@ class Scheduled(Generic[F]):
             return None
         random = self._random(robot, step)
         is_struck = random.random() < getattr(self.fault, "rate", 1.0)
-        return Strike(robot, step, self.begin, random) if is_struck else None
+        return Strike(robot, self.begin, random) if is_struck else None
 
     def _random(self, robot: str, step: int) -> np.random.Generator:
         return np.random.default_rng((*self._origin, zlib.crc32(robot.encode()), step))
@@ -153,11 +152,8 @@ def of_kind(
     faults: Iterable[Scheduled[Any]], group: type[F] | tuple[type[F], ...], robot: str | None = None
 ) -> list[Scheduled[F]]:
     """The faults of a kind, of a group of kinds, or of several groups; of one robot only, if one is named."""
-    return [
-        each
-        for each in faults
-        if isinstance(each.fault, group) and (robot is None or each.fault.befalls(robot))
-    ]
+    found = (each for each in faults if isinstance(each.fault, group))
+    return [each for each in found if robot is None or each.fault.befalls(robot)]
 
 
 def _step_at(time_s: float, step_s: float) -> int:

@@ -1,7 +1,8 @@
-"""Kinds of faults of whole robots, processes, clocks and the recording, and what makes processes fail so."""
+"""Kinds of faults of whole robots, processes and the recording, and what makes processes fail so."""
 
 import errno
 import io
+import math
 import os
 import signal
 import time
@@ -13,7 +14,7 @@ from pydantic import Field
 
 from chassis.lean import structlog
 from chassis.refusal import ExitStatus
-from fleet.inject.fault import Fault, NamedRobotFault, RobotFault, of_kind, schedule
+from fleet.inject.fault import Fault, NamedRobotFault, of_kind, schedule
 from protocol.messages import Truth
 from protocol.scenario import Scenario
 
@@ -117,14 +118,6 @@ class RecorderDies(MachineFault):
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-class ClockStep(RobotFault):
-    """The wall clock of the robots jumps; nothing may depend on it."""
-
-    kind: Literal["clock-step"]
-    offset_s: Annotated[float, Field(ge=-1e9, le=1e9)]
-    needs_processes = True
-
-
 class DiskFull(Fault):
     """The disk takes nothing more of the recording."""
 
@@ -143,13 +136,13 @@ class FullDisk:
     """
 
     def __init__(self, faults: Sequence[Fault], *, seed: int, step_s: float) -> None:
-        scheduled = schedule(faults, seed=seed, step_s=step_s)
-        self._begins = [each.begin for each in of_kind(scheduled, DiskFull)]
+        scheduled = of_kind(schedule(faults, seed=seed, step_s=step_s), DiskFull)
+        self._begin = min((each.begin for each in scheduled), default=math.inf)
         self.is_full = False
 
     def at(self, step: int) -> None:
-        """The run has come to this step."""
-        self.is_full = self.is_full or any(begin <= step for begin in self._begins)
+        """The run has come to this step; a world that starts again does not empty the disk."""
+        self.is_full = self.is_full or self._begin <= step
 
     def open(self, path: Path) -> io.BufferedWriter:
         """The file, empty.
@@ -172,26 +165,18 @@ class _File(io.FileIO):
 
 
 class Processes(Protocol):
-    """The processes of a run, by their names."""
+    """Of a run; see :class:`fleet.run.processes.Processes`, which this room does not know."""
 
-    def names(self) -> Iterable[str]:
-        """Everybody who was started."""
-
-    def signal(self, name: str, number: signal.Signals, /) -> None:
-        """Send a signal, unless it has ended."""
-
-    def start_again(self, name: str, /) -> None:
-        """Start a process that ended or was killed just now."""
+    def names(self) -> Iterable[str]: ...
+    def signal(self, name: str, number: signal.Signals, /) -> None: ...
+    def start_again(self, name: str, /) -> None: ...
 
 
 class Supervisor(Protocol):
-    """Looks after the processes of a run."""
+    """Looks after them; see :class:`fleet.run.supervisor.Supervisor`."""
 
-    def excuse(self, name: str, /) -> None:
-        """The end of this process is wanted."""
-
-    def expect(self, name: str, /) -> None:
-        """This process is to run from now on."""
+    def excuse(self, name: str, /) -> None: ...
+    def expect(self, name: str, /) -> None: ...
 
 
 class ProcessFaults:
@@ -206,18 +191,10 @@ class ProcessFaults:
         seed: of the run.
         processes: of the run.
         supervisor: is told whose end is wanted.
-        now_s: a monotonic clock.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        seed: int,
-        processes: Processes,
-        supervisor: Supervisor,
-        now_s: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._processes, self._supervisor, self._now_s = processes, supervisor, now_s
+    def __init__(self, scenario: Scenario, seed: int, processes: Processes, supervisor: Supervisor) -> None:
+        self._processes, self._supervisor = processes, supervisor
         faults = schedule(scenario.faults, seed=seed, step_s=scenario.step_s)
         self._down_faults = of_kind(faults, DownFault)
         self._machine_faults = of_kind(faults, MachineFault)
@@ -230,17 +207,20 @@ class ProcessFaults:
     def at(self, truth: Truth) -> None:
         """The world has come to this step."""
         self._step = self._steps_before + truth.step
-        begun = [each for each in self._machine_faults if each.begin <= self._step]
-        for each in begun:
+        for each in [each for each in self._machine_faults if each.begin <= self._step]:
             self._machine_faults.remove(each)
             log.warning("a fault of all processes", kind=each.fault.kind, for_s=each.fault.duration_s)
             each.fault.strike(self)
-        self._set_killed(self._down(forgets=True))
-        self._set_frozen(self._down(forgets=False))
+        down = [each.fault for each in self._down_faults if each.is_on(self._step)]
+        killed, frozen = (
+            {name_of(robot) for fault in down if fault.forgets is forgets for robot in fault.robots}
+            for forgets in (True, False)
+        )
+        self._set_down(killed, frozen)
 
     def look(self) -> None:
         """Do what is due by the wall clock."""
-        now_s = self._now_s()
+        now_s = time.monotonic()
         due = [act for due_s, act in self._due if due_s <= now_s]
         self._due = [each for each in self._due if each[0] > now_s]
         for act in due:
@@ -249,8 +229,7 @@ class ProcessFaults:
     def world_started_again(self) -> None:
         """A new epoch begins, with all robots."""
         self._steps_before = self._step + 1
-        self._set_killed(set())
-        self._set_frozen(set())
+        self._set_down(set(), set())
 
     def kill(self, name: str) -> None:
         """End a process at once, which is no failure of the run."""
@@ -272,25 +251,18 @@ class ProcessFaults:
 
     def later(self, delay_s: float, act: Callable[[], None]) -> None:
         """Do something after a delay in real time."""
-        self._due.append((self._now_s() + delay_s, act))
+        self._due.append((time.monotonic() + delay_s, act))
 
-    def _down(self, *, forgets: bool) -> set[str]:
-        """Whose processes are to be killed, or stopped."""
-        on = (each.fault for each in self._down_faults if each.is_on(self._step))
-        return {name_of(robot) for fault in on if fault.forgets is forgets for robot in fault.robots}
-
-    def _set_killed(self, wanted: set[str]) -> None:
-        for name in wanted - self._killed:
+    def _set_down(self, killed: set[str], frozen: set[str]) -> None:
+        """Let these processes be killed or stopped, and no others."""
+        for name in killed - self._killed:
             self.kill(name)
-        for name in self._killed - wanted:
+        for name in self._killed - killed:
             self.start_again(name)
-        self._killed = wanted
-
-    def _set_frozen(self, wanted: set[str]) -> None:
-        stopped, thawed, self._frozen = wanted - self._frozen, self._frozen - wanted, wanted
-        for name in stopped:
+        for name in frozen - self._frozen:
             log.warning("stopped by a fault", process=name)
             self._processes.signal(name, signal.SIGSTOP)
-        for name in thawed:
+        for name in self._frozen - frozen:
             log.warning("goes on", process=name)
             self._processes.signal(name, signal.SIGCONT)
+        self._killed, self._frozen = killed, frozen

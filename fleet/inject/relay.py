@@ -5,18 +5,19 @@ environment, as a robot does, and from ``UNSPOKEN_LISTEN`` and ``UNSPOKEN_USERS`
 """
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
+from typing import TypeVar
 
 import zenoh
 
 from chassis.lean import structlog
 from chassis.process import end_with_parent, on_wish_to_end
 from fleet.inject.link import Link
-from fleet.inject.settings import faults_of_this_process
+from fleet.inject.scenario import faults_of_this_process
 from protocol.codec import MessageError, decode, encode
 from protocol.identity import client_identity
 from protocol.keys import Keys
@@ -24,6 +25,7 @@ from protocol.messages import Command, Joining, Observation, PublicScene
 from protocol.policy import access_control, rights_of
 from protocol.session import LATEST_WINS, NEVER_DROP, Opening, client_session, world_session
 
+T = TypeVar("T")
 SCENE_TIMEOUT_S = 1.0
 """For the world's answer; without one the robot is not answered, and asks again."""
 
@@ -44,10 +46,8 @@ class Relay:
     def __init__(self, settings: Mapping[str, str]) -> None:
         self._robot, connect = settings["UNSPOKEN_ROBOT"], settings["UNSPOKEN_CONNECT"]
         self._keys = Keys(settings["UNSPOKEN_RUN"])
-        password, users = (
-            Path(path) if (path := settings.get(f"UNSPOKEN_{name}")) else None
-            for name in ("PASSWORD_FILE", "USERS")
-        )
+        files = (settings.get(f"UNSPOKEN_{name}") for name in ("PASSWORD_FILE", "USERS"))
+        password, users = (Path(path) if path else None for path in files)
         identity = client_identity(self._robot, connect, password, None, datetime.now(UTC))
         self._towards_world = client_session(connect, identity)
         # A router that lets the robot do what the world's would.
@@ -76,39 +76,30 @@ class Relay:
         world = self._opening.wait(lambda: None)
         if world is None:
             return
+
+        def later(act: Callable[[T], object]) -> Callable[[T], None]:
+            return lambda received: self._due.put(partial(act, received))
+
+        keys, robot = self._keys, self._robot
         with world as self._world, zenoh.open(self._towards_robot.to_zenoh()) as self._to_robot:
-            _declared = self._declare()
+            presence = self._to_robot.liveliness()
+            _declared = (  # Nothing but the presence of the robot makes the world begin.
+                world.declare_subscriber(keys.pose(robot), later(self._show)),
+                self._to_robot.declare_queryable(keys.scene_for(robot), later(self._answer)),
+                # One for all that the robot says, which keeps its order.
+                self._to_robot.declare_subscriber(
+                    keys.everything, later(self._hand_on), allowed_origin=zenoh.Locality.REMOTE
+                ),
+                presence.declare_subscriber(keys.alive(robot), later(self._stand), history=True),
+            )
             self._log.info("relaying")
             while (act := self._due.get()) is not None:
                 act()
 
-    def _declare(self) -> tuple[object, ...]:
-        """Nothing but the presence of the robot makes the world begin."""
-        keys, robot, put = self._keys, self._robot, self._due.put
-
-        def hand_on(sample: zenoh.Sample) -> None:
-            put(partial(self._hand_on, keys.kind_of(str(sample.key_expr)), sample.payload.to_bytes()))
-
-        return (
-            self._world.declare_subscriber(
-                keys.pose(robot), lambda sample: put(partial(self._show, sample.payload.to_bytes()))
-            ),
-            self._to_robot.declare_queryable(
-                keys.scene_for(robot), lambda query: put(partial(self._answer, query))
-            ),
-            # One for all that the robot says, which keeps its order.
-            self._to_robot.declare_subscriber(keys.everything, hand_on, allowed_origin=zenoh.Locality.REMOTE),
-            self._to_robot.liveliness().declare_subscriber(
-                keys.alive(robot),
-                lambda sample: put(partial(self._stand, sample.kind == zenoh.SampleKind.PUT)),
-                history=True,
-            ),
-        )
-
-    def _show(self, payload: bytes) -> None:
+    def _show(self, pose: zenoh.Sample) -> None:
         """Hand on a pose; where the robot cannot answer it, tell the world not to wait."""
         try:
-            observation = decode(Observation, payload)
+            observation = decode(Observation, pose.payload.to_bytes())
         except MessageError as error:
             self._log.warning("refused an observation", reason=str(error))
             return
@@ -116,22 +107,12 @@ class Relay:
             self._ask_for_scene()
         if observation.epoch != self._epoch:
             return  # of a world that is gone
-        for late in self._link.due(observation.step):
-            self._say(self._keys.command(self._robot), late)
-        delivery = self._link.observed(observation)
+        delivery, commands = self._link.observed(observation), list(self._link.due(observation.step))
+        if not delivery.answerable:
+            commands.append(encode(Command.withheld_at(observation.epoch, self._robot, observation.step)))
         for each in delivery.payloads:
             self._to_robot.put(self._keys.pose(self._robot), each, **LATEST_WINS)
-        if not delivery.answerable:
-            nothing = Command.withheld_at(observation.epoch, self._robot, observation.step)
-            self._say(self._keys.command(self._robot), encode(nothing))
-
-    def _hand_on(self, kind: str, payload: bytes) -> None:
-        """Say to the world what the robot says."""
-        if kind == "command":
-            for each in self._link.commanded(payload) if self._epoch is not None else (payload,):
-                self._say(self._keys.command(self._robot), each)
-        elif kind == "mind":
-            self._say(self._keys.mind(self._robot), payload)
+        self._say_commands(commands)
 
     def _answer(self, query: zenoh.Query) -> None:
         """Tell the robot the scene of the present world, if there is one."""
@@ -154,17 +135,26 @@ class Relay:
                 return True
         return False
 
-    def _stand(self, here: bool) -> None:
+    def _hand_on(self, said: zenoh.Sample) -> None:
+        """Say to the world what the robot says."""
+        kind, payload = self._keys.kind_of(str(said.key_expr)), said.payload.to_bytes()
+        if kind == "command":
+            self._say_commands((payload,) if self._epoch is None else self._link.commanded(payload))
+        elif kind == "mind":
+            self._world.put(self._keys.mind(self._robot), payload, **NEVER_DROP)
+
+    def _say_commands(self, payloads: Iterable[bytes]) -> None:
+        """To the world, as the robot itself would."""
+        for payload in payloads:
+            self._world.put(self._keys.command(self._robot), payload, **NEVER_DROP)
+
+    def _stand(self, presence: zenoh.Sample) -> None:
         """Be present at the world as long as the robot is present here."""
         if self._token is not None:
             self._token.undeclare()  # type: ignore[no-untyped-call]  # zenoh does not annotate it
             self._token = None
-        if here:
+        if presence.kind == zenoh.SampleKind.PUT:
             self._token = self._world.liveliness().declare_token(self._keys.alive(self._robot))
-
-    def _say(self, key: str, payload: bytes) -> None:
-        """As the robot itself would."""
-        self._world.put(key, payload, **NEVER_DROP)
 
 
 def main() -> None:

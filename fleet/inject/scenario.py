@@ -1,5 +1,6 @@
-"""Scenarios with their faults, and files of faults alone: read, or refused with file, line and field."""
+"""Scenarios with their faults, and files of faults alone: read or refused; told to the processes."""
 
+import os
 from collections.abc import Collection, Iterator, Sequence
 from functools import reduce
 from operator import or_
@@ -11,10 +12,12 @@ from pydantic import BeforeValidator, Field, model_validator
 import protocol.scenario
 from chassis.files import Record, mistake_at, read_as
 from chassis.refusal import Refusal
-from fleet.inject import command_faults, mind_faults, observation_faults  # noqa: F401  # they define kinds
-from fleet.inject.fault import KINDS, Fault, of_kind, schedule
+from fleet.inject.fault import KINDS, Fault, Scheduled, of_kind, schedule
+from fleet.inject.link import LINK_FAULTS
+from fleet.inject.mind import MIND_FAULTS
 from fleet.inject.process_faults import AbsenceFault
-from protocol.scenario import MAX_FAULTS, as_tuple
+from protocol.scenario import MAX_FAULTS, as_tuple, scenario_text
+from protocol.scene import Scene
 
 END_S = 1e5
 """After the end of every run; the latest time that a scenario can tell."""
@@ -41,8 +44,7 @@ class Scenario(protocol.scenario.Scenario):
 
     @model_validator(mode="after")
     def _faults_befall_robots_that_exist(self) -> Self:
-        if found := unknown_robot(self.faults, [robot.id for robot in self.robots]):
-            raise mistake_at(*found)
+        check_robots(self.faults, [robot.id for robot in self.robots])
         return self
 
 
@@ -63,12 +65,8 @@ def with_faults(scenario: Scenario, path: Path) -> Scenario:
         Refusal: as of ``load_scenario``; or the file names robots that the scenario lacks, or there are
             too many faults together.
     """
-
-    def befall_robots_that_exist(file: FaultFile) -> None:
-        if found := unknown_robot(file.faults, [robot.id for robot in scenario.robots]):
-            raise mistake_at(*found)
-
-    file = read_as(path, FaultFile, "file of faults", befall_robots_that_exist)
+    robots = [robot.id for robot in scenario.robots]
+    file = read_as(path, FaultFile, "file of faults", lambda file: check_robots(file.faults, robots))
     merged = (*scenario.faults, *file.faults)
     if len(merged) > MAX_FAULTS:
         raise Refusal(
@@ -78,12 +76,11 @@ def with_faults(scenario: Scenario, path: Path) -> Scenario:
     return scenario.model_copy(update={"faults": merged})
 
 
-def unknown_robot(faults: Sequence[Fault], robots: Collection[str]) -> tuple[str, str] | None:
-    """The first place in a list of faults that names a robot which does not exist, and what is wrong there.
+def check_robots(faults: Sequence[Fault], robots: Collection[str]) -> None:
+    """Refuse a list of faults that names a robot which does not exist.
 
-    Args:
-        faults: the list.
-        robots: ids of those that exist.
+    Raises:
+        PydanticCustomError: see :func:`chassis.yaml_file.mistake_at`.
     """
     for index, fault in enumerate(faults):
         named = {f"robots.{place}": name for place, name in enumerate(getattr(fault, "robots", None) or ())}
@@ -91,8 +88,7 @@ def unknown_robot(faults: Sequence[Fault], robots: Collection[str]) -> tuple[str
         for place, name in named.items():
             if name not in robots:
                 what = f"there is no robot {name!r}; the robots are {', '.join(robots)}"
-                return f"faults.{index}.{place}", what
-    return None
+                raise mistake_at(f"faults.{index}.{place}", what)
 
 
 def effective(scenario: Scenario, seed: int) -> Scenario:
@@ -117,3 +113,51 @@ def effective(scenario: Scenario, seed: int) -> Scenario:
         for robot in scenario.robots
     ]
     return scenario.model_copy(update={"robots": robots})
+
+
+class FaultSettings:
+    """What the processes of one run are told of its faults; without any, nothing.
+
+    Args:
+        path: of the scenario.
+        scenario: with its faults.
+        seed: of the run.
+        directory: for the files that processes are told of; it outlives the run.
+
+    Raises:
+        OSError: they cannot be written.
+
+    Attributes:
+        scenario: the file that the world drives: the scenario's, or one with what its faults make of it.
+        settings: of a process that has faults; see :func:`faults_of_this_process`.
+    """
+
+    def __init__(self, path: Path, scenario: Scenario, seed: int, directory: Path) -> None:
+        self._scheduled = schedule(scenario.faults, seed=seed, step_s=scenario.step_s)
+        self.scenario = path
+        self.settings: dict[str, str] = {}
+        if scenario.faults:
+            self.scenario, faults = directory / "scenario.yaml", directory / "faults.json"
+            self.scenario.write_text(scenario_text(effective(scenario, seed)), encoding="utf-8")
+            faults.write_text(FaultFile(faults=scenario.faults).model_dump_json(), encoding="utf-8")
+            self.settings = {"faults": str(faults), "seed": str(seed)}
+
+    def on_link(self, robot: str) -> bool:
+        """Whether one of them lies between the world and a robot."""
+        return bool(of_kind(self._scheduled, LINK_FAULTS, robot))
+
+    def on_robot(self, robot: str) -> bool:
+        """Whether one of them lies on the process of a robot."""
+        return bool(of_kind(self._scheduled, MIND_FAULTS, robot))
+
+
+def faults_of_this_process(scene: Scene) -> list[Scheduled[Fault]]:
+    """All faults of the run, as this process was told of them by its environment.
+
+    Raises:
+        OSError: the file cannot be read.
+        KeyError: it was not told of any.
+    """
+    text = Path(os.environ["UNSPOKEN_FAULTS"]).read_text(encoding="utf-8")
+    faults = FaultFile.model_validate_json(text).faults
+    return schedule(faults, seed=int(os.environ["UNSPOKEN_SEED"]), step_s=scene.step_s)

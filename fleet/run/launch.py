@@ -10,7 +10,7 @@ import structlog
 from agent.process.options import RobotOptions
 from chassis.files import Record, write_private
 from fleet.inject.process_faults import WORLD, ProcessFaults, name_of
-from fleet.inject.settings import FaultSettings
+from fleet.inject.scenario import FaultSettings
 from fleet.interruption import Interruption, compile_solver
 from fleet.record.experiment import Experiment
 from fleet.record.recording import StreamItem

@@ -20,9 +20,8 @@ from agent.process.warm import warm_up
 from agent.solve import Clock, Deadline
 from fleet.inject.fault import Fault, Scheduled, of_kind, schedule
 from fleet.inject.link import LINK_FAULTS, Link
-from fleet.inject.mind_faults import MIND_FAULTS
+from fleet.inject.mind import MIND_FAULTS, FaultyMind
 from fleet.inject.process_faults import DownFault, RestartWorld
-from fleet.inject.robot import FaultyMind
 from fleet.inject.scenario import Scenario, effective
 from fleet.interruption import Interruption, compile_solver
 from fleet.record.experiment import Experiment, RunFacts

@@ -1,14 +1,11 @@
 """What the page on faults says is what there is: its kinds, its promises and its examples."""
 
 import re
-from itertools import pairwise
 from pathlib import Path
 from typing import get_args
 
 import pytest
 import yaml
-from markdown_it import MarkdownIt
-from markdown_it.token import Token
 
 from fleet.faults.cases import BUNDLED, Case, load_cases
 from fleet.inject.fault import KINDS
@@ -22,34 +19,12 @@ OF_MANY = {"kind", "start_s", "duration_s", "robots"}
 SETTLES = re.compile(r"settles in ([\d.]+) s")
 
 
-def tokens() -> list[Token]:
-    return MarkdownIt().enable("table").parse(PAGE.read_text(encoding="utf-8"))
-
-
-def section(title: str) -> list[Token]:
-    """What stands between a heading and the next one."""
-    page = tokens()
-    [begin] = [
-        index
-        for index, (heading, text) in enumerate(pairwise(page))
-        if heading.type == "heading_open" and text.content == title
-    ]
-    rest = page[begin + 3 :]
-    end = next((index for index, token in enumerate(rest) if token.type == "heading_open"), len(rest))
-    return rest[:end]
-
-
 def table(title: str) -> list[list[str]]:
-    """The rows of the first table in a section, without their heads."""
-    types = [token.type for token in section(title)]
-    body = section(title)[types.index("tbody_open") : types.index("tbody_close")]
-    rows: list[list[str]] = []
-    for token in body:
-        if token.type == "tr_open":
-            rows.append([])
-        elif token.type == "inline":
-            rows[-1].append(token.content)
-    return rows
+    """The rows of the first table beneath a heading, without their heads."""
+    beneath = PAGE.read_text(encoding="utf-8").split(f"\n## {title}\n")[1]
+    first = re.search(r"^\|[-| ]+\|\n((?:\|.*\|\n)+)", beneath, re.MULTILINE)
+    assert first
+    return [line.strip("| ").split(" | ") for line in first[1].splitlines()]
 
 
 def code_in(text: str) -> list[str]:
@@ -57,12 +32,8 @@ def code_in(text: str) -> list[str]:
 
 
 def examples(first_field: str) -> list[str]:
-    blocks = [token.content for token in tokens() if token.type == "fence" and token.info == "yaml"]
+    blocks = re.findall(r"^```yaml\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
     return [block for block in blocks if first_field in yaml.safe_load(block)]
-
-
-def cases_of(kind: str) -> list[Case]:
-    return [case for case in load_cases(BUNDLED) if any(fault.kind == kind for fault in case.faults)]
 
 
 def test_the_table_has_every_kind_once_with_all_its_fields() -> None:
@@ -72,14 +43,10 @@ def test_the_table_has_every_kind_once_with_all_its_fields() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_bundled_suite_has_every_kind(kind: str) -> None:
-    assert cases_of(kind)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_page_promises_what_the_bundled_suite_asks_for(kind: str) -> None:
+def test_the_bundled_suite_has_every_kind_and_asks_for_what_the_page_promises(kind: str) -> None:
     [promised] = [row[-1] for row in table("Kinds") if code_in(row[0])[0] == kind]
-    cases = cases_of(kind)
+    cases = [case for case in load_cases(BUNDLED) if any(fault.kind == kind for fault in case.faults)]
+    assert cases
     assert ("all arrive" in promised) == any(case.everybody_arrives for case in cases)
     assert ("no collision" in promised) == any(case.no_collision for case in cases)
     assert {float(time_s) for time_s in SETTLES.findall(promised)} == {
@@ -87,12 +54,9 @@ def test_the_page_promises_what_the_bundled_suite_asks_for(kind: str) -> None:
     }
 
 
-def test_the_page_has_every_way_in_which_a_robot_is_degraded() -> None:
+def test_the_page_has_every_way_of_being_degraded_and_every_field_of_a_case() -> None:
     states = [code_in(first)[0] for first, *_ in table("What robots do about it")]
     assert states == list(get_args(Degradation))
-
-
-def test_the_page_has_every_field_of_a_case() -> None:
     fields = [code_in(first)[0] for first, *_ in table("A suite of your own")]
     assert fields == list(Case.model_fields)
 

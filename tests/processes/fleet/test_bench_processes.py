@@ -3,8 +3,8 @@
 import pytest
 from typer.testing import CliRunner
 
-from fleet.bench.bus import Protection
-from fleet.bench.report import Figures, Report
+from fleet.bench.command import Figures, Report
+from fleet.bench.processes import Protection
 from fleet.cli import app
 
 

@@ -21,7 +21,7 @@ from fleet.bench.loops import (
     random_crossing,
     shortfall_m,
 )
-from fleet.bench.measuring import MOST_ROBOTS, Distribution, Duration, Timer, Times
+from fleet.bench.measuring import MOST_ROBOTS, Distribution, Times, clocks_ms
 from protocol.scenario import load_scenario
 from scenarios import find
 from world.vehicle import VehicleState
@@ -71,25 +71,21 @@ def test_robots_on_a_circle_drive_through_its_middle(robots):
     assert are_spaced(starts)
 
 
-def test_times_are_percentiles_of_numpy_with_cpu_and_wall_apart():
+def test_times_are_percentiles_with_cpu_and_wall_apart():
     cpu_ms, wall_ms = np.random.default_rng(1).exponential(3.0, (2, 1234))
-    times = Times.of(map(Duration, cpu_ms, wall_ms))
+    times = Times.of(np.stack([cpu_ms, wall_ms], axis=1))
     assert times.count == 1234
     for found, values_ms in ((times.cpu, cpu_ms), (times.wall, wall_ms)):
         assert found == Distribution.of(values_ms)
-        assert found.median_ms == pytest.approx(np.median(values_ms))
-        assert found.p90_ms == pytest.approx(np.percentile(values_ms, 90))
-        assert found.p99_ms == pytest.approx(np.percentile(values_ms, 99))
-        assert found.max_ms == values_ms.max()
+        assert (found.median_ms, found.max_ms) == pytest.approx((np.median(values_ms), values_ms.max()))
+        assert np.mean(values_ms > found.p90_ms) == pytest.approx(0.1, abs=1e-3)
+        assert np.mean(values_ms > found.p99_ms) == pytest.approx(0.01, abs=1e-3)
 
 
-def test_a_timer_counts_the_work_of_its_thread_as_cpu_time():
-    timer = Timer()
-    before = timer.read()
+def test_both_clocks_count_the_work_of_this_thread():
+    begin_ms = clocks_ms()
     sum(range(100_000))
-    after = timer.read()
-    assert after.cpu_ms > before.cpu_ms > 0.0
-    assert after.wall_ms > before.wall_ms > 0.0
+    assert (clocks_ms() - begin_ms > 0.0).all()
 
 
 @pytest.fixture(scope="module")
@@ -138,23 +134,7 @@ def test_the_shortfall_of_a_loop_is_that_of_the_closest_robots(loop):
     assert shortfall_m(list(close)) == pytest.approx(0.19)
 
 
-def test_loops_that_pass_on_the_same_side_are_alike_and_mirrored_ones_are_not():
-    scenario, solver = circle(2), TimedSolver("realtime")
-    (cold,) = drive(scenario, solver, 1)
-
-    def bent(side):
-        """A loop that begins with both robots in a bend to one side."""
-        inputs = cold.starts[0].inputs.copy()
-        inputs[:, :, 0], inputs[:, :15, 1] = side * 0.4, 2.0
-        return list(drive(scenario, solver, 60, replace(cold.starts[0], inputs=inputs)))
-
-    left, right = bent(1.0), bent(-1.0)
-    assert cost(left) == pytest.approx(cost(right), rel=1e-6)
-    assert passed_alike(left, left)
-    assert not passed_alike(left, right)
-
-
-def test_loops_are_alike_whatever_the_direction_in_which_their_lines_end(loop):
+def test_loops_are_alike_where_robots_pass_on_the_same_side_whatever_the_direction_at_their_end(loop):
     def turning(end_rad):
         """The second robot circles the first, from along x to this direction."""
         states = np.zeros((50, 2, 4))

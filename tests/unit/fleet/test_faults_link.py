@@ -9,17 +9,12 @@ from hypothesis import given as given_any
 from hypothesis import strategies as st
 
 from fleet.inject.fault import KINDS
-from fleet.inject.link import LINK_FAULTS, Link
+from fleet.inject.link import LINK_FAULTS
 from protocol.codec import MessageError, encode
 from protocol.messages import Command, Observation, State
 from protocol.scene import PublicRobot, Scene
 
 STEPS = 200
-
-
-def struck(over: Link, steps: int = STEPS) -> float:
-    """At which part of the steps no intact observation came."""
-    return sum(not each.answerable for each in shown(over, steps)) / steps
 
 
 @pytest.mark.parametrize(
@@ -39,48 +34,30 @@ def test_where_no_fault_strikes_every_payload_passes_as_it_is(elsewhere: list[An
         assert over.due(step) == ()
 
 
-def test_a_fault_holds_from_its_beginning_to_its_end() -> None:
-    came = shown(link(fault("loss", rate=1.0, start_s=0.2, duration_s=0.3)), 8)
-    assert [each.answerable for each in came] == [True, True, False, False, False, True, True, True]
-
-
-@pytest.mark.parametrize("kind", ["loss", "slow"])
-def test_a_lost_observation_does_not_come_and_no_answer_is_awaited(kind: str) -> None:
-    came = shown(link(fault(kind, rate=0.3)), STEPS)
-    assert all(each.steps == ([step] if each.answerable else []) for step, each in enumerate(came))
-
-
 @pytest.mark.parametrize(
     "kind", ["loss", "slow", "nan", "garbage", "wrong-version", "wrong-epoch", "reordering"]
 )
 def test_only_a_share_of_the_observations_is_struck_of_each_robot_another(kind: str) -> None:
-    assert 0.1 < struck(link(fault(kind, rate=0.2))) < 0.3
     one, other = (
-        [each.answerable for each in shown(link(fault(kind, rate=0.5), robot=robot), 50)] for robot in "12"
+        [each.answerable for each in shown(link(fault(kind, rate=0.2), robot=robot), STEPS)] for robot in "12"
     )
+    assert 0.1 < one.count(False) / STEPS < 0.3
     assert one != other
 
 
-def test_a_delayed_view_is_of_the_others_and_tells_its_age() -> None:
-    came = [each.only for each in shown(link(fault("delay", steps=3)), 8)]
-    assert [each.age_steps for each in came] == [0, 1, 2, 3, 3, 3, 3, 3]
+@pytest.mark.parametrize(("kind", "ages"), [("delay", {3}), ("jitter", {0, 1, 2, 3})])
+def test_an_older_view_is_of_the_others_and_tells_its_age(kind: str, ages: set[int]) -> None:
+    came = [each.only for each in shown(link(fault(kind, steps=3)), 40)]
+    assert {each.age_steps for each in came[3:]} == ages
     for step, seen in enumerate(came):
-        now, then = observation(step), observation(max(step - 3, 0))
-        assert seen.robots == {"1": now.robots["1"], "2": then.robots["2"]}
+        assert seen.robots["1"] == observation(step).robots["1"]
+        assert seen.robots["2"] == observation(step - seen.age_steps).robots["2"]
 
 
 def test_a_delay_adds_to_the_age_that_there_is_and_to_other_delays() -> None:
     over = link(fault("delay", steps=1), fault("delay", steps=1))
     ages = [arrived(over, observation(step, age_steps=min(step, 4))).only.age_steps for step in range(8)]
     assert ages == [0, 1, 2, 3, 4, 5, 6, 6]
-
-
-def test_jitter_varies_the_age_up_to_its_steps() -> None:
-    came = [each.only for each in shown(link(fault("jitter", steps=3)), STEPS)]
-    assert {each.age_steps for each in came[3:]} == {0, 1, 2, 3}
-    for step, seen in enumerate(came):
-        assert seen.robots["1"] == observation(step).robots["1"]
-        assert seen.robots["2"] == observation(step - seen.age_steps).robots["2"]
 
 
 @pytest.mark.parametrize(
@@ -107,23 +84,14 @@ def test_observations_come_in_the_order_that_a_fault_gives_them(
 
 
 def test_a_stuck_robot_stays_in_view_where_it_was_at_the_beginning() -> None:
-    over = link(fault("stuck", seen=2, start_s=0.2, duration_s=0.3))
-    there = observation(2).robots["2"]
+    stuck = fault("stuck", seen=2, start_s=0.2, duration_s=0.3)
+    over, there = link(stuck), observation(2).robots["2"]
     for step in range(7):
         unseen = {"1": observation(step).robots["1"]} if step == 4 else observation(step).robots
         seen = arrived(over, observation(step, robots=unseen)).only
         assert seen.robots["2"] == (there if 2 <= step < 5 else observation(step).robots["2"])
-
-
-def test_a_robot_does_not_see_itself_stuck() -> None:
-    came = [each.only for each in shown(link(fault("stuck", seen=1)), 3)]
-    assert came == [observation(step) for step in range(3)]
-
-
-def test_what_a_fault_keeps_from_step_to_step_it_keeps_for_one_link_only() -> None:
-    stuck = fault("stuck", seen=2)
-    shown(link(stuck), 3)
-    assert arrived(link(stuck), observation(5)).only == observation(5)
+    assert arrived(link(stuck), observation(4)).only == observation(4), "another link keeps nothing of it"
+    assert [each.only for each in shown(link(stuck, robot="2"), 3)] == list(map(observation, range(3)))
 
 
 def test_a_ghost_goes_straight_on_from_its_place() -> None:
@@ -170,7 +138,7 @@ def test_a_bias_displaces_others_and_the_observer(robot: str, other: str) -> Non
     [("nan", "finite number"), ("garbage", ""), ("wrong-version", "schema_version: 2 found")],
 )
 def test_what_is_no_valid_observation_is_refused_and_not_to_be_answered(kind: str, reason: str) -> None:
-    for each in shown(link(fault(kind, rate=1.0)), 50):
+    for each in shown(link(fault(kind, rate=1.0)), 20):
         [error] = each.messages
         assert isinstance(error, MessageError)
         assert reason in str(error)
@@ -178,9 +146,8 @@ def test_what_is_no_valid_observation_is_refused_and_not_to_be_answered(kind: st
 
 
 def test_an_observation_of_another_epoch_is_valid_and_not_to_be_answered() -> None:
-    for step, each in enumerate(shown(link(fault("wrong-epoch", rate=1.0)), 3)):
-        assert each.only == observation(step, epoch=EPOCH + 1)
-        assert not each.answerable
+    [each] = shown(link(fault("wrong-epoch", rate=1.0)), 1)
+    assert (each.only, each.answerable) == (observation(0, epoch=EPOCH + 1), False)
 
 
 def test_a_lost_command_is_replaced_by_one_that_is_withheld() -> None:
@@ -221,21 +188,6 @@ def test_a_weak_robot_accelerates_and_brakes_with_a_part_of_its_limits_only() ->
 
 def test_what_is_no_command_is_left_to_the_world() -> None:
     assert link(fault("command-loss", rate=1.0)).commanded(b"\xc1") == (b"\xc1",)
-
-
-def test_the_same_seed_gives_the_same_and_another_seed_something_else() -> None:
-    faults = [
-        fault("loss", rate=0.2),
-        fault("jitter", steps=4),
-        fault("jump", seen=2, distance_m=1.0, rate=0.3),
-        fault("garbage", rate=0.2),
-    ]
-    one, again, other = (
-        [over.observed(observation(step)) for step in range(60)]
-        for over in (link(*faults, seed=seed) for seed in (1, 1, 2))
-    )
-    assert one == again
-    assert one != other
 
 
 @given_any(

@@ -7,7 +7,7 @@ from fleet.inject.fault import Fault, Scheduled, schedule
 from fleet.inject.scenario import effective, load_scenario
 from scenarios import find
 
-STEPS = 2000
+STEPS = 1000
 
 
 def scheduled(*faults: dict[str, object], seed: int = 0, step_s: float = 0.1) -> list[Scheduled[Fault]]:
@@ -48,20 +48,19 @@ def test_a_time_is_drawn_from_its_interval_by_the_seed() -> None:
 
 def test_a_rate_is_the_share_of_the_steps_that_are_struck() -> None:
     [each] = scheduled(fault("loss", rate=0.25))
-    assert len(struck(each)) / STEPS == pytest.approx(0.25, abs=0.04)
+    assert len(struck(each)) / STEPS == pytest.approx(0.25, abs=0.05)
     both = set(struck(each)) & set(struck(each, "2"))
-    assert len(both) / STEPS == pytest.approx(0.0625, abs=0.03), "robots are struck independently"
+    assert len(both) / STEPS == pytest.approx(0.0625, abs=0.04), "robots are struck independently"
 
 
 def test_a_fault_befalls_the_robots_that_it_names_or_all() -> None:
     named, every = scheduled(fault("loss", rate=1.0, robots=[2]), fault("loss", rate=1.0))
-    assert [each.fault.befalls(robot) for each in (named, every) for robot in ("1", "2")] == [
+    assert [bool(struck(each, robot)) for each in (named, every) for robot in "12"] == [
         False,
         True,
         True,
         True,
     ]
-    assert struck(named) == []
 
 
 def test_robots_that_are_late_or_leave_are_absent_meanwhile() -> None:

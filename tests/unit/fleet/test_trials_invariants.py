@@ -2,9 +2,8 @@
 
 from typing import Any
 
-from fleet.faults.cases import Case
-from fleet.faults.invariants import Evidence, lost_steps, violations
-from fleet.inject.observation_faults import Loss
+from fleet.faults.cases import Case, Evidence, lost_steps, violations
+from fleet.inject.link import Loss
 from fleet.inject.process_faults import Leaves
 from fleet.inject.scenario import Scenario
 from protocol.messages import State, TrueRobot, Truth
@@ -26,30 +25,21 @@ def case(**rules: Any) -> Case:
     return Case(name="lost", faults=(Loss(kind="loss", rate=1.0, **fault),), **rules)
 
 
-def truth(step: int, last: int = STEPS, **changes: Any) -> Truth:
+def truth(step: int, last: int = STEPS, without: tuple[str, ...] = (), **changes: Any) -> Truth:
+    """Both drive abreast, and arrive at the last step, except those without."""
+    nothing = dict.fromkeys(("turn_rate_radps", "acceleration_mps2", "driven_m"), 0.0)
+    nothing |= dict.fromkeys(("deadline_misses", "clipped_commands"), 0)
     robots = {
-        str(i): TrueRobot(
-            state=State.of(0.3 * step, 3.0 * i, 0.0, 3.0),
-            turn_rate_radps=0.0,
-            acceleration_mps2=0.0,
-            arrived_s=0.1 * last if step == last else None,
-            driven_m=0.0,
-            deadline_misses=0,
-            clipped_commands=0,
+        name: TrueRobot(
+            state=State.of(0.3 * step, 3.0 * int(name), 0.0, 3.0),
+            arrived_s=0.1 * last if step == last and name not in without else None,
+            **nothing,
         )
-        for i in (1, 2)
+        for name in "12"
     }
-    fields: dict[str, Any] = {
-        "epoch": 0,
-        "step": step,
-        "time_s": round(0.1 * step, 9),
-        "robots": robots,
-        "minimum_distance_m": 3.0,
-        "collisions": (),
-        "refused": {},
-        "verdict": "arrived" if step == last else None,
-    }
-    return Truth(**{**fields, **changes})
+    plain = {"minimum_distance_m": 3.0, "collisions": (), "refused": {}}
+    plain["verdict"] = "arrived" if step == last else None
+    return Truth(epoch=0, step=step, time_s=round(0.1 * step, 9), robots=robots, **plain | changes)
 
 
 def evidence(*truths: Truth, degraded: dict[tuple[int, str], tuple[Any, ...]] | None = None) -> Evidence:
@@ -89,15 +79,10 @@ def test_a_collision_is_told_where_none_may_be():
 
 
 def test_who_did_not_arrive_is_told_if_it_had_to():
-    missing = [truth(step) for step in range(STEPS)]
-    last = truth(STEPS)
-    one, two = last.robots["1"], last.robots["2"]
-    unarrived = {"arrived_s": None}
-    befallen = last.model_copy(update={"robots": {"1": one.model_copy(update=unarrived), "2": two}})
-    assert told(evidence(*missing, befallen)) == []
-    assert told(evidence(*missing, befallen), everybody_arrives=True) == ["robot 1 did not arrive"]
-    healthy = last.model_copy(update={"robots": {"1": one, "2": two.model_copy(update=unarrived)}})
-    assert told(evidence(*missing, healthy)) == ["robot 2 did not arrive"]
+    befallen, healthy = (evidence(*map(truth, range(STEPS)), truth(STEPS, without=(name,))) for name in "12")
+    assert told(befallen) == []
+    assert told(befallen, everybody_arrives=True) == ["robot 1 did not arrive"]
+    assert told(healthy) == ["robot 2 did not arrive"]
 
 
 def test_an_effect_that_does_not_end_is_told():
