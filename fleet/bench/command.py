@@ -6,6 +6,7 @@ The report's JSON is a contract, described in docs/performance.md.
 import time
 from collections import defaultdict
 from collections.abc import Sequence
+from functools import partial
 from typing import Annotated, Literal, get_args
 
 import typer
@@ -111,16 +112,15 @@ def judge(figures: Figures) -> tuple[Target, ...]:
     )
 
 
-def _most(what: str, limit: float, unit: str, values: Sequence[float]) -> Target:
-    worst = max(values, default=None)
-    met = None if worst is None else worst <= limit
-    return Target(what=what, unit=unit, measured=worst, bound="at most", limit=limit, met=met)
+def _target(
+    bound: Literal["at most", "at least"], what: str, limit: float, unit: str, values: Sequence[float]
+) -> Target:
+    worst = max(values, default=None) if bound == "at most" else min(values, default=None)
+    met = None if worst is None else worst <= limit if bound == "at most" else worst >= limit
+    return Target(what=what, unit=unit, measured=worst, bound=bound, limit=limit, met=met)
 
 
-def _least(what: str, limit: float, unit: str, values: Sequence[float]) -> Target:
-    worst = min(values, default=None)
-    met = None if worst is None else worst >= limit
-    return Target(what=what, unit=unit, measured=worst, bound="at least", limit=limit, met=met)
+_most, _least = partial(_target, "at most"), partial(_target, "at least")
 
 
 class Report(Record):

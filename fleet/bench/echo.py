@@ -22,27 +22,18 @@ def main() -> None:
     robot, keys = os.environ["UNSPOKEN_ROBOT"], Keys(os.environ["UNSPOKEN_RUN"])
     inbox = Inbox(structlog.get_logger("echo"))
     on_wish_to_end(inbox.close)
-    connect, given = os.environ["UNSPOKEN_CONNECT"], {name: _path(name) for name in ("PASSWORD_FILE", "KEYS")}
-    identity = client_identity(robot, connect, given["PASSWORD_FILE"], given["KEYS"], datetime.now(UTC))
+    connect = os.environ["UNSPOKEN_CONNECT"]
+    files = (os.environ.get(f"UNSPOKEN_{name}") for name in ("PASSWORD_FILE", "KEYS"))
+    password, folder = (Path(path) if path else None for path in files)
+    identity = client_identity(robot, connect, password, folder, datetime.now(UTC))
     with zenoh.open(client_session(connect, identity).to_zenoh()) as session:
         _poses = session.declare_subscriber(
             keys.pose(robot), lambda sample: inbox.store(sample.payload.to_bytes())
         )
         _presence = session.liveliness().declare_token(keys.alive(robot))
         while isinstance(observation := inbox.next(), Observation):
-            command = Command(
-                epoch=observation.epoch,
-                robot=robot,
-                step=observation.step,
-                turn_rate_radps=0.0,
-                acceleration_mps2=0.0,
-            )
-            session.put(keys.command(robot), encode(command))
-
-
-def _path(name: str) -> Path | None:
-    value = os.environ.get(f"UNSPOKEN_{name}")
-    return None if value is None else Path(value)
+            nothing = Command.withheld_at(observation.epoch, robot, observation.step)
+            session.put(keys.command(robot), encode(nothing))
 
 
 if __name__ == "__main__":

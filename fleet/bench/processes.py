@@ -6,13 +6,13 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import closing, suppress
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple, Self
+from typing import Self
 
 import psutil
 import zenoh
@@ -60,17 +60,15 @@ class Protection(StrEnum):
     CERTIFICATES = "TLS, policy by certificates"
 
 
-class Star(NamedTuple):
-    """A world's session that is yet to be opened, and how robots reach it."""
+def star(
+    protection: Protection, directory: Path, keys: Keys, robots: list[str]
+) -> tuple[SessionSettings, str, dict[str, dict[str, str]]]:
+    """A bus that nobody has opened yet; the directory is for its socket, passwords or keys.
 
-    world: SessionSettings
-    endpoint: str
-    proofs: Mapping[str, dict[str, str]]
-    """By robot, the settings of its process that prove who it is."""
-
-
-def star(protection: Protection, directory: Path, keys: Keys, robots: list[str]) -> Star:
-    """A bus that nobody has opened yet; the directory is for its socket, passwords or keys."""
+    Returns:
+        The world's session; the endpoint at which robots reach it; and by robot the settings of its process
+        that prove who it is.
+    """
     rights = rights_of(keys, robots)
     endpoint = f"unixsock-stream/{directory}/world.sock"
     if protection in (Protection.NONE_TCP, Protection.CERTIFICATES):
@@ -81,14 +79,14 @@ def star(protection: Protection, directory: Path, keys: Keys, robots: list[str])
         logins = Logins(directory, robots)
         users = Path(logins.of_world()["users"])
         world = world_session(endpoint, access_control(rights, "usernames"), users)
-        return Star(world, endpoint, {robot: logins.of_robot(robot) for robot in robots})
+        return world, endpoint, {robot: logins.of_robot(robot) for robot in robots}
     if protection is Protection.CERTIFICATES:
         folder, now = directory / "keys", datetime.now(UTC)
         create(folder, [Device(WORLD_NAME, LOCAL_HOSTS), *map(Device, robots)], now, days=1, authority_days=2)
         own = load_device_keys(folder / folder_of(WORLD_NAME), now)
         world = world_session(endpoint, access_control(rights, "cert_common_names"), own)
-        return Star(world, endpoint, {robot: {"keys": str(folder / folder_of(robot))} for robot in robots})
-    return Star(world_session(endpoint), endpoint, {robot: {} for robot in robots})
+        return world, endpoint, {robot: {"keys": str(folder / folder_of(robot))} for robot in robots}
+    return world_session(endpoint), endpoint, {robot: {} for robot in robots}
 
 
 class BusRow(Row):
@@ -124,11 +122,11 @@ def _rounds_ms(robots: int, protection: Protection, rounds: int, progress: Progr
     observations = World(scenario, seed=0, epoch=0).observations()
     inbox, durations_ms = Inbox(observations), []
     with TemporaryDirectory(prefix="unspoken-bench-") as directory, Processes(Path(directory)) as processes:
-        bus_star = star(protection, Path(directory), keys, list(observations))
-        with zenoh.open(bus_star.world.to_zenoh()) as session:
+        world, endpoint, proofs = star(protection, Path(directory), keys, list(observations))
+        with zenoh.open(world.to_zenoh()) as session:
             bus = Bus(session, keys, scene, tuple(observations), inbox)
-            for robot, proof in bus_star.proofs.items():
-                options = {"robot": robot, "run": RUN, "connect": bus_star.endpoint, **proof}
+            for robot, proof in proofs.items():
+                options = {"robot": robot, "run": RUN, "connect": endpoint, **proof}
                 processes.start(f"echo-{robot}", "fleet.bench.echo", options)
             _await_robots(f"bus: waiting for {robots} robots", robots, inbox, processes, progress)
             for step in range(rounds):

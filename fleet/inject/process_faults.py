@@ -54,9 +54,9 @@ class Freeze(DownFault):
 class AbsenceFault(NamedRobotFault):
     """The robot is not in the scene: nobody sees it or can meet it."""
 
-    def absence_s(self, begin_s: float, end_s: float) -> tuple[float, float] | None:
-        """From when to when, given the time of the fault; None: never."""
-        raise NotImplementedError
+    def absence_s(self, begin_s: float, end_s: float) -> tuple[float, float]:
+        """From when to when, given the time of the fault."""
+        return begin_s, end_s
 
 
 class ArrivesLate(AbsenceFault):
@@ -64,17 +64,14 @@ class ArrivesLate(AbsenceFault):
 
     kind: Literal["arrives-late"]
 
-    def absence_s(self, begin_s: float, _end_s: float) -> tuple[float, float] | None:
-        return (0.0, begin_s) if begin_s > 0.0 else None
+    def absence_s(self, begin_s: float, _end_s: float) -> tuple[float, float]:
+        return 0.0, begin_s
 
 
 class Leaves(AbsenceFault):
     """The robot is gone from then on; with a duration it comes back where it left."""
 
     kind: Literal["leaves"]
-
-    def absence_s(self, begin_s: float, end_s: float) -> tuple[float, float]:
-        return begin_s, end_s
 
 
 class MachineFault(Fault):

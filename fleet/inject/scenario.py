@@ -1,7 +1,7 @@
 """Scenarios with their faults, and files of faults alone: read or refused; told to the processes."""
 
 import os
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from functools import reduce
 from operator import or_
 from pathlib import Path
@@ -80,7 +80,7 @@ def check_robots(faults: Sequence[Fault], robots: Collection[str]) -> None:
     """Refuse a list of faults that names a robot which does not exist.
 
     Raises:
-        PydanticCustomError: see :func:`chassis.yaml_file.mistake_at`.
+        PydanticCustomError: see :func:`chassis.files.mistake_at`.
     """
     for index, fault in enumerate(faults):
         named = {f"robots.{place}": name for place, name in enumerate(getattr(fault, "robots", None) or ())}
@@ -92,37 +92,23 @@ def check_robots(faults: Sequence[Fault], robots: Collection[str]) -> None:
 
 
 def effective(scenario: Scenario, seed: int) -> Scenario:
-    """The scenario that the world drives: robots that arrive late or leave are absent meanwhile.
-
-    Args:
-        scenario: with its faults, which stay in the list.
-        seed: of the run.
-    """
+    """The scenario that the world drives: robots that arrive late or leave are absent meanwhile."""
     faults = of_kind(schedule(scenario.faults, seed=seed, step_s=scenario.step_s), AbsenceFault)
-
-    def absences_s(robot: str) -> Iterator[tuple[float, float]]:
-        for each in faults:
+    robots = []
+    for robot in scenario.robots:
+        absences_s = list(robot.absences_s)
+        for each in of_kind(faults, AbsenceFault, robot.id):
             begin_s = min(scenario.time_s(each.begin), END_S)
             end_s = END_S if each.end is None else min(scenario.time_s(each.end), END_S)
-            absence_s = each.fault.absence_s(begin_s, end_s)
-            if each.fault.befalls(robot) and absence_s is not None:
-                yield absence_s
-
-    robots = [
-        robot.model_copy(update={"absences_s": (*robot.absences_s, *absences_s(robot.id))})
-        for robot in scenario.robots
-    ]
+            begin_s, end_s = each.fault.absence_s(begin_s, end_s)
+            if begin_s < end_s:
+                absences_s.append((begin_s, end_s))
+        robots.append(robot.model_copy(update={"absences_s": tuple(absences_s)}))
     return scenario.model_copy(update={"robots": robots})
 
 
 class FaultSettings:
-    """What the processes of one run are told of its faults; without any, nothing.
-
-    Args:
-        path: of the scenario.
-        scenario: with its faults.
-        seed: of the run.
-        directory: for the files that processes are told of; it outlives the run.
+    """What the processes of one run are told of its faults, in files of a directory that outlives it.
 
     Raises:
         OSError: they cannot be written.

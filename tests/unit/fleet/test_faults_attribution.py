@@ -114,19 +114,19 @@ def test_who_drives_into_somebody_that_stands_could_have_braked_and_the_other_is
     blamed: Blamed,
 ) -> None:
     ways = {"a": standing(0.0, 0.0), "b": way(-6.0, 0.0, 0.0, 2.0)}
-    chance = last_chance(ways["b"], ways["a"])
-    contact = contact_of(ways["a"], ways["b"])
+    chance, contact = last_chance(ways["b"], ways["a"]), contact_of(ways["a"], ways["b"])
     assert contact == 26, "6 m, less 0.99 m, at 0.2 m a step"
     assert contact - 12 < chance < contact - 5, "2 m/s are braked within less than 1.2 s"
     assert blamed(ways) == [Avoidable("b", "a", contact, chance)]
+    late = {**ways, "b": way(-6.0, 0.0, 0.0, 2.0, braking_from=chance + 1)}
+    assert [(each.robot, each.last_chance) for each in blamed(late)] == [("b", chance)], "braked too late"
 
 
 def test_of_two_that_cross_each_other_blindly_each_could_have_braked(blamed: Blamed) -> None:
     ways = {"a": way(-6.0, 0.0, 0.0, 3.0), "b": way(0.0, -5.5, math.pi / 2, 3.0)}
     contact = contact_of(ways["a"], ways["b"])
     assert blamed(ways) == [
-        Avoidable("a", "b", contact, last_chance(ways["a"], ways["b"])),
-        Avoidable("b", "a", contact, last_chance(ways["b"], ways["a"])),
+        Avoidable(one, other, contact, last_chance(ways[one], ways[other])) for one, other in ("ab", "ba")
     ]
 
 
@@ -164,14 +164,3 @@ def test_nobody_has_to_brake_for_who_passes_by_until_it_turns(blamed: Blamed) ->
     ways = {"a": way(-6.0, 0.0, 0.0, 2.0), "b": [*beside, *turned[20:]]}
     assert contact_of(ways["a"], ways["b"]) in range(21, 25)
     assert blamed(ways) == []
-
-
-def test_who_brakes_later_than_it_could_have_is_to_blame(blamed: Blamed) -> None:
-    in_vain = last_chance(way(-6.0, 0.0, 0.0, 2.0), standing(0.0, 0.0)) + 1
-    ways = {"a": standing(0.0, 0.0), "b": way(-6.0, 0.0, 0.0, 2.0, braking_from=in_vain)}
-    [found] = blamed(ways)
-    assert (found.robot, found.last_chance) == ("b", in_vain - 1)
-
-
-def test_a_run_without_a_collision_is_nobodys() -> None:
-    assert avoidable_collisions([truth(step, {"a": {}, "b": {}}) for step in range(5)], SCENE, "ab") == []

@@ -1,12 +1,17 @@
 """Runs in virtual time with faults: each kind has the effect that it says, and none that it does not."""
 
 import math
+from functools import partial
 from typing import Any
 
 import pytest
-from faults_helpers import drive, facts, fault, run, scenario, truths
+from faults_helpers import drive as drive_with
+from faults_helpers import facts, fault, run, scenario, truths
 
 from fleet.run.virtual import Step, closed_loop
+
+drive = partial(drive_with, goals="exchanged")
+"""With the method that computes least; the last test, and those of minds, are about others."""
 
 NEVER = fault("loss", rate=1.0, start_s=1e4)
 """Makes a run one with faults, and does not strike."""
@@ -22,33 +27,33 @@ def healthy() -> list[Step]:
 
 def same_until(driven: list[Step], other: list[Step]) -> int:
     """The first step at which two runs stand differently."""
-    pairs = zip(truths(driven), truths(other), strict=False)
-    states = (
-        ({r: t.state for r, t in a.robots.items()}, {r: t.state for r, t in b.robots.items()})
-        for a, b in pairs
+    one, two = (
+        [{name: robot.state for name, robot in truth.robots.items()} for truth in truths(each)]
+        for each in (driven, other)
     )
-    return next((step for step, (a, b) in enumerate(states) if a != b), min(len(driven), len(other)))
+    differ = (step for step, (a, b) in enumerate(zip(one, two, strict=False)) if a != b)
+    return next(differ, min(len(one), len(two)))
 
 
 def speeds(driven: list[Step], robot: str) -> list[float]:
     return [truth.robots[robot].state.speed_mps for truth in truths(driven)]
 
 
-def test_a_run_whose_faults_never_strike_is_the_run_without_them(healthy: list[Step]) -> None:
+@pytest.mark.parametrize(
+    "never",
+    [[NEVER], [fault(kind, robots=[1, 2], start_s=1e4) for kind in ("stops", "solver-failure")]],
+    ids=["links", "minds"],
+)
+def test_a_run_whose_faults_never_strike_is_the_run_without_them(
+    healthy: list[Step], never: list[dict[str, Any]]
+) -> None:
     assert healthy[-1].truth.verdict == "arrived"
-    disturbed = drive(NEVER)
+    disturbed = drive(*never)
     assert truths(disturbed) == truths(healthy)
     for one, other in zip(disturbed, healthy, strict=True):
-        assert one.commands == other.commands
-        assert one.observations == other.observations
-        assert {r: d.mind.plan for r, d in one.decisions.items()} == {
-            r: d.mind.plan for r, d in other.decisions.items()
-        }
-
-
-def test_a_mind_with_faults_that_never_strike_is_the_algorithm_itself(healthy: list[Step]) -> None:
-    later = {"robots": [1, 2], "start_s": 1e4}
-    assert truths(drive(fault("stops", **later), fault("solver-failure", **later))) == truths(healthy)
+        assert (one.commands, one.observations) == (other.commands, other.observations)
+        plans = ({name: each.mind.plan for name, each in step.decisions.items()} for step in (one, other))
+        assert next(plans) == next(plans)
 
 
 def test_without_faults_nothing_stands_between_the_world_and_its_robots(
@@ -87,11 +92,11 @@ def test_a_robot_that_gets_nothing_intact_drives_its_plan_and_brakes(healthy: li
 
 
 def test_a_robot_that_is_shown_another_epoch_does_not_answer_and_keeps_its_memory() -> None:
-    driven = drive(fault("wrong-epoch", rate=1.0, robots=[1], start_s=SOON_S, duration_s=0.1))
-    assert "1" not in driven[SOON].decisions
-    ordinals = [step.decisions["1"].mind.decision for step in driven[SOON + 1 : -1]]
-    assert ordinals == list(range(SOON, SOON + len(ordinals)))
-    assert driven[-1].truth.verdict == "arrived"
+    driven = drive(
+        fault("wrong-epoch", rate=1.0, robots=[1], start_s=SOON_S, duration_s=0.1), time_limit_s=1.0
+    )
+    ordinals = [step.decisions["1"].mind.decision if "1" in step.decisions else None for step in driven[:-1]]
+    assert ordinals == [*range(SOON), None, *range(SOON, len(driven) - 2)]
 
 
 @pytest.mark.parametrize(
@@ -118,7 +123,7 @@ def test_a_robot_that_is_shown_another_epoch_does_not_answer_and_keeps_its_memor
     ids=lambda wrong: wrong["kind"],
 )
 def test_a_fault_changes_the_run_from_its_beginning_on(healthy: list[Step], wrong: dict[str, Any]) -> None:
-    driven = drive({**wrong, "robots": [1], "start_s": SOON_S}, time_limit_s=2.0)
+    driven = drive({**wrong, "robots": [1], "start_s": SOON_S}, time_limit_s=1.4)
     assert SOON < same_until(driven, healthy) < SOON + 8
 
 
@@ -145,9 +150,11 @@ def test_commands_that_do_not_count_are_counted_by_the_world() -> None:
 
 
 def test_a_killed_robot_decides_no_more_and_its_safe_stop_follows(healthy: list[Step]) -> None:
-    driven = drive(fault("kill", robots=[1], start_s=SOON_S))
+    driven = drive(fault("kill", robots=[1], start_s=SOON_S), time_limit_s=3.0)
     assert same_until(driven, healthy) > SOON
-    assert ["1" in step.decisions for step in driven[: SOON + 3]] == [True] * SOON + [False] * 3
+    assert ["1" in step.decisions for step in driven[:-1]] == [True] * SOON + [False] * (
+        len(driven) - 1 - SOON
+    )
     braked = [truth.robots["1"].acceleration_mps2 for truth in truths(driven)]
     assert braked[SOON + 1] > 0.0, "the second input of its last command"
     assert braked[SOON + 2] < braked[SOON + 1], "then it brakes"
@@ -167,19 +174,11 @@ def test_a_robot_goes_on_with_its_memory_after_a_stop_and_without_it_after_a_new
 
 def test_the_world_starts_again_once_from_its_first_step_in_the_next_epoch(healthy: list[Step]) -> None:
     driven = drive(fault("restart-world", start_s=SOON_S, duration_s=7.0))
-    epochs = [(truth.epoch, truth.step) for truth in truths(driven)]
-    assert epochs == [
-        *((0, step) for step in range(SOON + 1)),
-        *((1, step) for step in range(len(healthy))),
-    ]
-    assert driven[SOON].decisions == {}
-    assert driven[SOON].truth.verdict is None
-    assert [truth.robots for truth in truths(driven)[SOON + 1 :]] == [
-        truth.robots for truth in truths(healthy)
-    ]
-    assert all(
-        decision.command.epoch == step.truth.epoch for step in driven for decision in step.decisions.values()
-    )
+    before, after = driven[: SOON + 1], driven[SOON + 1 :]
+    assert [(truth.epoch, truth.step) for truth in truths(before)] == [(0, step) for step in range(SOON + 1)]
+    assert (before[-1].decisions, before[-1].truth.verdict) == ({}, None)
+    assert [truth.model_copy(update={"epoch": 0}) for truth in truths(after)] == truths(healthy)
+    assert {each.command.epoch for step in after for each in step.decisions.values()} == {1}
 
 
 def test_processes_break_once_though_the_world_starts_again() -> None:
@@ -224,7 +223,7 @@ def test_an_interruption_ends_a_run_with_faults() -> None:
     assert [(truth.step, truth.verdict) for truth in truths(driven)] == [(0, None), (0, "interrupted")]
 
 
-@pytest.mark.parametrize("goals", ["exchanged", "constant-velocity"])
+@pytest.mark.parametrize("goals", ["joint-fit", "constant-velocity"])
 def test_faults_befall_other_methods_as_well(goals: str) -> None:
     driven = list(run(scenario(*MIXED, time_limit_s=1.0), facts(1, goals=goals)))
     assert driven[-1].truth.verdict == "timeout"
