@@ -328,7 +328,7 @@ class CompilingRow(Row):
 
 def _compile(cache: str, what: str, progress: Progress) -> None:
     begin_s = time.perf_counter()
-    process = psutil.Popen(
+    process = subprocess.Popen(
         [sys.executable, "-P", "-c", f"import {MAKES_READY} as made; made.warm_up('ioc', 'realtime')"],
         env={**os.environ, "NUMBA_CACHE_DIR": cache},
         stdin=subprocess.DEVNULL,
@@ -338,14 +338,14 @@ def _compile(cache: str, what: str, progress: Progress) -> None:
     )
     with process:
         try:
-            if hasattr(process, "cpu_affinity"):
-                process.cpu_affinity(process.cpu_affinity()[:1])
+            if hasattr(os, "sched_setaffinity"):
+                os.sched_setaffinity(process.pid, {min(os.sched_getaffinity(0))})
             while process.poll() is None:
                 progress.begin(f"{what}: {time.perf_counter() - begin_s:.0f} s")
                 time.sleep(LOOK_S)
         finally:
             process.kill()
-        said = process.stderr.read().decode(errors="replace")
+        said = process.stderr.read().decode(errors="replace") if process.stderr else ""
     if process.returncode:
         raise Refusal(f"compiling ended with exit status {process.returncode}:\n{said}", ExitStatus.FAILED)
 

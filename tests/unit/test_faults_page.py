@@ -21,7 +21,7 @@ SETTLES = re.compile(r"settles in ([\d.]+) s")
 
 def table(title: str) -> list[list[str]]:
     """The rows of the first table beneath a heading, without their heads."""
-    beneath = PAGE.read_text(encoding="utf-8").split(f"\n## {title}\n")[1]
+    beneath = re.split(rf"^##+ {title}$", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)[1]
     first = re.search(r"^\|[-| ]+\|\n((?:\|.*\|\n)+)", beneath, re.MULTILINE)
     assert first
     return [line.strip("| ").split(" | ") for line in first[1].splitlines()]

@@ -39,7 +39,7 @@ _VALUES: dict[str, st.SearchStrategy[Any]] = {
     "seen": st.sampled_from(["1", "2"]),
     "x_m": _ways_m,
     "y_m": _ways_m,
-    "heading_rad": _ways_m,
+    "heading_rad": _ways_m.map(lambda value: value + 0.0),  # -0.0 is not written where 0.0 is the default
     "speed_mps": st.floats(0.0, 1e6),
     "distance_m": st.floats(1e-3, 1e3),
     "factor": st.floats(1e-3, 1.0),

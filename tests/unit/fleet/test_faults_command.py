@@ -10,10 +10,7 @@ from faults_helpers import MEETING
 from typer.testing import CliRunner
 
 import protocol.scenario
-from agent.process.options import DecisionOptions
 from fleet.cli import app
-from fleet.inject.scenario import load_scenario
-from fleet.record.experiment import prepare
 from fleet.record.recording import Recording, read_recording
 from protocol.messages import Command, PublicScene, Truth
 
@@ -92,10 +89,3 @@ def test_a_wrong_file_is_told_in_a_line_and_nothing_is_run(content: str | None, 
     assert result.stderr.startswith(told)
     assert result.stderr.count("\n") == 1
     assert not Path("out").exists()
-
-
-def test_an_experiment_knows_its_file_of_faults() -> None:
-    experiment = prepare("short.yaml", DecisionOptions(), clock="virtual", seed=0, faults=Path("faults.yaml"))
-    assert experiment.facts.faults == len(experiment.scenario.faults) == 1
-    Path("kept.yaml").write_text(experiment.text)
-    assert load_scenario(Path("kept.yaml")) == experiment.scenario

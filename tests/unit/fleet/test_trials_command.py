@@ -1,14 +1,20 @@
 """``unspoken faults`` as a person and as a script see it."""
 
 import json
+import pickle
+from collections.abc import Callable, Iterable
+from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import Result
 from typer.testing import CliRunner
 
 from fleet.cli import app
+from fleet.faults import command
 from fleet.faults.cases import BUNDLED, load_cases
+from fleet.faults.trial import Outcome, Trial
 
 QUICK = ("--robots", "2", "--seeds", "1", "--goals", "exchanged")
 
@@ -17,11 +23,23 @@ def unspoken_faults(*arguments: object) -> Result:
     return CliRunner().invoke(app, ["faults", *map(str, arguments)])
 
 
+@pytest.fixture
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trials are made here, and go to and fro as to workers."""
+
+    def made(_cluster: None, trials: Iterable[Trial], make: Callable[[Trial], Outcome], *_: object) -> Any:
+        return (pickle.loads(pickle.dumps(make(pickle.loads(pickle.dumps(trial))))) for trial in trials)
+
+    monkeypatch.setattr(command, "local_cluster", lambda _workers: nullcontext())
+    monkeypatch.setattr(command, "outcomes", made)
+
+
 def suite(path: Path, *cases: str) -> Path:
     path.write_text("cases:\n" + "".join(f"  - {case}\n" for case in cases), encoding="utf-8")
     return path
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_what_holds_is_a_row_and_a_trial_of_the_report(tmp_path: Path):
     path = tmp_path / "report.json"
     result = unspoken_faults("--only", "duplication", "--only", "leaves", *QUICK, "--json", path)
@@ -39,6 +57,7 @@ def test_what_holds_is_a_row_and_a_trial_of_the_report(tmp_path: Path):
     assert ["all", "2", "2", "2"] in rows
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_what_does_not_hold_is_told_with_the_command_that_repeats_it(tmp_path: Path):
     # A robot that is killed for good does not arrive.
     case = "{name: doomed, faults: [{kind: kill, robots: [1], start_s: 0.5}], everybody_arrives: true}"
