@@ -29,21 +29,23 @@ def main(
             callback=_configured,
             is_eager=True,
             metavar="FILE",
-            help="YAML file with any of these options; the command line and the environment go before it.",
+            help="YAML file with any of these options; the command line and the environment take precedence.",
             show_default="none",
         ),
     ] = None,
     check: Annotated[
         bool,
-        typer.Option("--check", help="Say whether this device is ready, disturbing nobody, and end."),
+        typer.Option(
+            "--check", help="Check whether this device is ready, without disturbing a run, and exit."
+        ),
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="With --check: report as JSON.")] = False,
 ) -> None:
-    """Be one robot: wait for a world, drive to the goal, until stopped by SIGINT or SIGTERM.
+    """Run one robot: wait for a world and drive to the goal, until stopped by SIGINT or SIGTERM.
 
-    Exit status: 0 stopped, 2 wrong usage, file, password or keys, 3 the world does not fit this robot or
-    cannot be reached at all, or there is no place for the compiled solver, or the watch port is taken. With
-    --check: 0 ready, 1 not, 2 wrong usage or file.
+    Exit status: 0 stopped, 2 invalid usage, file, password or keys, 3 the world does not fit this robot or
+    speaks another version of the protocol, the endpoint is unusable, the compiled solver cannot be stored,
+    or the watch port is taken. With --check: 0 ready, 1 not ready, 2 invalid usage or file.
     """
     if json and not check:
         raise typer.BadParameter("--json says how --check reports what it has found; give both")

@@ -1,7 +1,7 @@
 """``python -m chassis.healthy [ready|live]``: asks the process of this environment how it is.
 
 For the health checks of containers, which have no other tool for it. The port is that of
-``UNSPOKEN_WATCH_PORT``. Exit status: 0 it is, 1 it is not, or nobody answers; 2 wrong usage.
+``UNSPOKEN_WATCH_PORT``. Exit status: 0 it is, 1 it is not, or nobody answers; 2 invalid usage.
 """
 
 import http.client
@@ -12,7 +12,7 @@ HOST = "127.0.0.1"
 """Watching is for this machine: nothing there asks who somebody is."""
 LIVE, READY, METRICS = "/live", "/ready", "/metrics"
 VARIABLE = "UNSPOKEN_WATCH_PORT"
-HELP = f"Port on {HOST} at which this process reports over HTTP how it is: {LIVE}, {READY}, {METRICS}."
+HELP = f"HTTP port on {HOST} for health checks and metrics: {LIVE}, {READY}, {METRICS}."
 PATIENCE_S = 3.0
 
 

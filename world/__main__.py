@@ -30,14 +30,14 @@ class WorldOptions(HostOptions):
 
     scenario: str = Field(description="Scenario file, or the name of a bundled one such as 8a.")
     clock: ClockKind = Field(
-        ClockKind.LOCKSTEP, description="Wait for every robot at every step, or publish one step every Δt."
+        ClockKind.LOCKSTEP, description="Wait for every robot at every step, or publish a step every Δt."
     )
-    seed: int = Field(0, ge=0, description="Seed of the sensor noise and the dropouts.")
+    seed: int = Field(0, ge=0, description="Seed of sensor noise and dropouts.")
     exchange_goals: Annotated[bool, typer.Option("--exchange-goals")] = Field(
-        False, description="Tell every robot all goals."
+        False, description="Publish all goals to every robot."
     )
     await_reader: Annotated[bool, typer.Option("--await-reader")] = Field(
-        False, description="Begin only once the truth has a reader, so that it misses nothing."
+        False, description="Wait for a subscriber to the truth before starting, so that it misses nothing."
     )
     answer_timeout: WaitS = Field(
         120.0, description="Seconds to wait for the commands of one step in lock-step."
@@ -50,7 +50,7 @@ def main(options: WorldOptions) -> None:
 
     SIGINT and SIGTERM end it with the verdict "interrupted".
 
-    Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage, scenario,
+    Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 invalid usage, scenario,
     passwords or keys, 3 robots were missing at the start, or the endpoint or the watch port could not be
     opened.
     """

@@ -19,7 +19,7 @@ from protocol.session import SessionSettings, world_session
 SPARE_SESSIONS = 8
 """Beyond two for each robot, which may come back before its old session is given up: for benches."""
 
-ListenEndpoint = Annotated[str, Field(description="Zenoh endpoint at which robots connect.")]
+ListenEndpoint = Annotated[str, Field(description="Zenoh endpoint to listen on.")]
 WaitS = Annotated[float, Field(ge=0.0, le=86_400.0)]
 """A time that somebody can wait."""
 
@@ -29,19 +29,19 @@ class Access(Record):
 
     listen: ListenEndpoint = "tcp/127.0.0.1:7447"
     users: Annotated[
-        Path | None, typer.Option(show_default="none, and whoever connects may read and say anything")
+        Path | None, typer.Option(show_default="none: any client can read and send anything")
     ] = Field(
         None,
-        description="File with a line name:password for every robot and @bench, which only you can read. "
-        "With it, each may do what the policy grants it and nothing else.",
+        description="File with a line name:password for every robot and @bench, readable only by you. "
+        "It enables the policy: each client can do only what it is granted.",
     )
     keys: Annotated[Path | None, typer.Option(show_default="none")] = Field(
         None,
-        description="Folder with the world's keys, as 'unspoken keys' makes it, for an endpoint tls/…; "
+        description="Folder with the world's keys, created by 'unspoken keys', for an endpoint tls/…; "
         "instead of passwords.",
     )
     insecure: Annotated[bool, typer.Option("--insecure")] = Field(
-        False, description="Let other machines connect although nothing is encrypted."
+        False, description="Accept connections from other machines without encryption."
     )
 
     def session(self, keys: Keys, robots: tuple[str, ...], log: FilteringBoundLogger) -> SessionSettings:
@@ -101,9 +101,9 @@ class HostOptions(Access):
     """Options of every process at which robots connect."""
 
     run: Annotated[str, AfterValidator(checked_name)] = Field(
-        "run", description="Name of the run, first part of all its keys."
+        "run", description="Name of the run, the first part of all its Zenoh keys."
     )
-    start_timeout: WaitS = Field(60.0, description="Seconds to wait for all robots at the start.")
+    start_timeout: WaitS = Field(60.0, description="Seconds to wait for all robots to join.")
     watch_port: Annotated[int | None, typer.Option(show_default="none")] = Field(
         None, ge=0, le=65535, description=WATCH_PORT_HELP
     )

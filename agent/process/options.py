@@ -67,15 +67,15 @@ class DecisionOptions(Record):
 
     goals: Annotated[GoalsName, typer.Option(metavar="NAME", callback=checked_goals)] = Field(
         DEFAULT_GOALS,
-        description="How robots learn where the others will go: exchanged goals; an estimator, which is ioc, "
-        "joint-fit, kalman-filter, bilevel or constant-acceleration; or a baseline without goals, which is "
+        description="How robots anticipate each other: exchanged (all goals are known); by an estimator: "
+        "ioc, joint-fit, kalman-filter, bilevel or constant-acceleration; or by a baseline without goals: "
         "constant-acceleration-alone, constant-velocity or orca.",
     )
-    solver: SolverName = Field("realtime", description="What solves the trajectory problems.")
+    solver: SolverName = Field("realtime", description="Solver for the trajectory problems.")
     iterations: Annotated[int, typer.Option(metavar="N")] = Field(
         ITERATIONS,
         ge=1,
-        description="Most iterations of the real-time solver for one trajectory problem at one step.",
+        description="Maximum iterations of the real-time solver per problem and step.",
     )
     budget_ms: Annotated[
         float | None,
@@ -86,7 +86,7 @@ class DecisionOptions(Record):
     ] = Field(
         None,
         ge=0,
-        description="Milliseconds after which the real-time solver improves a decision no further.",
+        description="Time in ms after which the real-time solver stops improving a decision.",
     )
 
     def decisions(self) -> dict[str, Any]:
@@ -106,21 +106,22 @@ class RobotOptions(DecisionOptions):
         description="This robot's id in the scenario."
     )
     goal: Annotated[Goal, typer.Option(metavar="X,Y,HEADING", parser=parse_goal)] = Field(
-        description="Its own goal pose in m, m and rad. The environment hides it from process lists."
+        description="Its own goal pose in m, m and rad. Set it in the environment to hide it from process "
+        "lists."
     )
     connect: Annotated[str, typer.Option(metavar="ENDPOINT")] = Field(
         "tcp/127.0.0.1:7447", min_length=1, max_length=4096, description="Zenoh endpoint of the world."
     )
     password_file: Annotated[
         Path | None, typer.Option(metavar="FILE", show_default="none, for a world that asks for none")
-    ] = Field(None, strict=False, description="File with this robot's password, which only you can read.")
+    ] = Field(None, strict=False, description="File with this robot's password, readable only by you.")
     keys: Annotated[Path | None, typer.Option(metavar="DIR", show_default="none")] = Field(
         None,
         strict=False,
-        description="Folder with this robot's keys, as 'unspoken keys' makes it; for an endpoint tls/….",
+        description="Folder with this robot's keys, created by 'unspoken keys'; for an endpoint tls/….",
     )
     run: Annotated[Name, typer.Option(metavar="NAME", callback=key_name)] = Field(
-        "run", description="Name of the run, first part of all its keys."
+        "run", description="Name of the run, the first part of all its Zenoh keys."
     )
     watch_port: Annotated[int | None, typer.Option(metavar="PORT", show_default="none")] = Field(
         None, ge=0, le=65535, description=WATCH_PORT_HELP
@@ -129,7 +130,7 @@ class RobotOptions(DecisionOptions):
         8,
         ge=1,
         le=MAX_ROBOTS,
-        description="With --check: how many robots to reckon with where no world tells.",
+        description="With --check: number of robots to assume if no world can be asked.",
     )
 
     def as_environment(self) -> dict[str, str]:

@@ -34,14 +34,15 @@ RunArgument = Annotated[
 
 
 def audit(run: RunArgument, json: JsonOption = None) -> None:
-    """Show from a recording that each robot decided on its own observations and the scene alone.
+    """Verify from a recording that each robot decided on its own observations and the scene alone.
 
-    The world is repeated with the recorded commands and must show every robot what was recorded; each robot
-    is repeated with its own recorded observations and must decide what was recorded. All of it bit for bit.
-    Takes as long as deciding took; Ctrl-C ends it. docs/auditing.md tells what this shows and what it cannot.
+    The world is replayed with the recorded commands and must reproduce every observation; each robot is
+    replayed with its own recorded observations and must reproduce every decision, bit for bit. This takes as
+    long as the original decisions did; Ctrl-C ends it. docs/auditing.md explains what this shows and what it
+    cannot.
 
-    Exit status: 0 everything follows; 1 something does not, or interrupted; 2 wrong usage, or not a
-    recording; 3 the run cannot be repeated on this machine, or the report cannot be written.
+    Exit status: 0 everything follows; 1 something does not, or interrupted; 2 invalid usage, or not a
+    recording; 3 the run cannot be replayed on this machine, or the report cannot be written.
     """
     console = Console(stderr=json == TO_STDOUT, highlight=False)
     with Interruption() as interruption:
@@ -66,18 +67,18 @@ def audit(run: RunArgument, json: JsonOption = None) -> None:
 def replay(
     run: RunArgument,
     robot: Annotated[str, typer.Option(help="The robot's id.")],
-    steps: Annotated[bool, typer.Option("--steps", help="Show each decision in a line.")] = False,
+    steps: Annotated[bool, typer.Option("--steps", help="Print one line per decision.")] = False,
     debug_at: Annotated[
         int | None,
         typer.Option(min=0, metavar="STEP", help="Enter Python's debugger just before this step's decision."),
     ] = None,
 ) -> None:
-    """Repeat the decisions of one robot of a recorded run, and compare them with the recorded ones.
+    """Replay the decisions of one robot of a recorded run, and compare them with the recorded ones.
 
     Ctrl-C ends it.
 
-    Exit status: 0 all are the same, bit for bit; 1 they are not, or interrupted; 2 wrong usage, no such robot
-    or step, or not a recording; 3 the run cannot be repeated on this machine.
+    Exit status: 0 all are identical, bit for bit; 1 they are not, or interrupted; 2 invalid usage, no such
+    robot or step, or not a recording; 3 the run cannot be replayed on this machine.
     """
     with Interruption() as interruption:
         recorded = open_run(run)

@@ -43,7 +43,7 @@ def _levels(text: str) -> str:
     try:
         return ",".join(levels_in(text))
     except ValueError as error:
-        raise typer.BadParameter(f"{error}; {GRAMMAR}") from None
+        raise typer.BadParameter(f"{error}; --noise takes {GRAMMAR}") from None
 
 
 def evaluate(
@@ -62,39 +62,39 @@ def evaluate(
             help=f"Methods to compare: {', '.join(METHODS)}.",
         ),
     ] = ",".join((*PUBLISHED, DEFAULT_GOALS)),
-    solver: Annotated[SolverName, typer.Option(help="What solves the trajectory problems.")] = "realtime",
-    seeds: Annotated[int, typer.Option(min=1, help="How many seeds of sensor noise: 0, 1, …")] = 1,
+    solver: Annotated[SolverName, typer.Option(help="Solver for the trajectory problems.")] = "realtime",
+    seeds: Annotated[int, typer.Option(min=1, help="Number of noise seeds: 0, 1, …")] = 1,
     noise: Annotated[
         str,
-        typer.Option(metavar="LEVEL,LEVEL,…", callback=_levels, help=f"How well the robots see: {GRAMMAR}."),
+        typer.Option(metavar="LEVEL,LEVEL,…", callback=_levels, help=f"Sensing quality: {GRAMMAR}."),
     ] = "none",
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help="Processes on this machine.", show_default="one per core"),
+        typer.Option(min=1, help="Number of worker processes on this machine.", show_default="one per core"),
     ] = None,
     dask: Annotated[
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="Scheduler of a Dask cluster that makes the runs, such as tcp://host:8786.",
+            help="Scheduler of a Dask cluster that executes the runs instead, such as tcp://host:8786.",
         ),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Directory for the results; one that holds part of the same evaluation is resumed.",
+            help="Directory for the results; an incomplete evaluation in it is resumed.",
             show_default="runs/evaluation-<suite>-<time>",
             file_okay=False,
         ),
     ] = None,
 ) -> None:
-    """Run every scenario of a suite with every method, seed and level of noise, in virtual time and parallel.
+    """Run every scenario of a suite with every method, seed and noise level, in virtual time and in parallel.
 
-    Each run is kept in runs.csv as soon as it is finished. Ctrl-C ends the evaluation; the same command with
-    the same --out makes the missing runs. docs/evaluation.md explains the columns.
+    Each finished run is saved in runs.csv immediately. Ctrl-C ends the evaluation; the same command with
+    the same --out completes the missing runs. docs/evaluation.md explains the columns.
 
-    Exit status: 0 all runs were made, whatever their verdicts; 1 interrupted; 2 wrong usage; 3 a run failed
-    with an exception, or the rest could not be made.
+    Exit status: 0 all runs were completed, whatever their verdicts; 1 interrupted; 2 invalid usage; 3 a run
+    failed with an exception, or the rest could not be completed.
     """
     if workers is not None and dask is not None:
         said = "the cluster of --dask has its own workers; leave out one of --workers and --dask"

@@ -29,8 +29,8 @@ LEVELS = {
 }
 """Fields of sensing and their values, by the names of levels of noise."""
 GRAMMAR = (
-    f"levels with commas between, each {AS_IN_THE_FILE} or made of {', '.join(LEVELS)} and FIELD=VALUE "
-    "with + between, such as low+dropout=0.3"
+    f"comma-separated levels; each is {AS_IN_THE_FILE}, or a combination of {', '.join(LEVELS)} and "
+    "FIELD=VALUE joined by +, such as low+dropout=0.3"
 )
 
 

@@ -28,8 +28,8 @@ app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
     rich_markup_mode=None,
-    help="Make, renew and check the keys with which devices prove who they are, for runs across machines.\n\n"
-    "Exit status: 0 done, 1 show found something wrong, 2 wrong usage or input, 3 the directory cannot be "
+    help="Create, renew and check the keys that authenticate devices in runs across machines.\n\n"
+    "Exit status: 0 done, 1 show found something wrong, 2 invalid usage or input, 3 the directory cannot be "
     "written.",
 )
 
@@ -56,7 +56,7 @@ RobotOption = Annotated[
         "--robot",
         metavar="ID",
         parser=_parser(checked_name),
-        help="A robot's id; may be given several times.",
+        help="A robot's id; can be repeated.",
     ),
 ]
 HostOption = Annotated[
@@ -65,11 +65,11 @@ HostOption = Annotated[
         "--host",
         metavar="HOST",
         parser=_parser(checked_host),
-        help="Host name or IPv4 address at which robots reach the world; may be given several times.",
+        help="Host name or IPv4 address at which robots reach the world; can be repeated.",
     ),
 ]
 DaysOption = Annotated[
-    int, typer.Option(min=1, max=MAX_DAYS, help="How long the devices' certificates are valid.")
+    int, typer.Option(min=1, max=MAX_DAYS, help="Validity of the devices' certificates, in days.")
 ]
 
 
@@ -86,15 +86,15 @@ def create(
     host: HostOption = None,
     days: DaysOption = 365,
     authority_days: Annotated[
-        int, typer.Option(min=1, max=MAX_DAYS, help="How long their authority is valid.")
+        int, typer.Option(min=1, max=MAX_DAYS, help="Validity of the authority, in days.")
     ] = 3650,
 ) -> None:
-    """Make an authority, and keys for the world, the bench and each robot: a folder for each device.
+    """Create an authority, and keys for the world, the bench and each robot: one folder per device.
 
-    Without --host the world can be reached on its own machine only.
+    Without --host, the world can be reached only from its own machine.
 
-    Exit status: 0 made, 2 wrong usage or scenario, or DIR is not empty, 3 DIR cannot be written; nothing is
-    left in it then.
+    Exit status: 0 created, 2 invalid usage or scenario, or DIR is not empty, 3 DIR cannot be written; then
+    nothing is left in it.
     """
     described = load_scenario(find(scenario)).robots if scenario else ()
     robots = dict.fromkeys([*(each.id for each in described), *(robot or ())])
@@ -120,11 +120,11 @@ def issue(
     host: HostOption = None,
     days: DaysOption = 365,
 ) -> None:
-    """Renew the keys of the devices that are named, or make keys for new robots; without names, renew all.
+    """Renew the keys of the named devices, or create keys for new robots; without names, renew all.
 
-    The authority stays. The world keeps its hosts unless --host names others.
+    The authority stays the same. The world keeps its hosts unless --host names others.
 
-    Exit status: 0 issued, 2 wrong usage, or the authority cannot be used, 3 DIR cannot be written.
+    Exit status: 0 issued, 2 invalid usage, or the authority cannot be used, 3 DIR cannot be written.
     """
     named = [*[WORLD_NAME] * world, *[BENCH_NAME] * bench, *dict.fromkeys(robot or ())]
     now = _now()
@@ -143,9 +143,9 @@ def issue(
 
 @app.command()
 def show(directory: MadeArgument) -> None:
-    """Show who has which certificate, until when, and what is wrong; DIR may be one device's folder too.
+    """List all certificates, their expiry dates and any problems; DIR can also be the folder of one device.
 
-    Exit status: 0 all is well, 1 something is wrong or expired, 2 wrong usage, or no keys are there.
+    Exit status: 0 all keys are valid, 1 something is wrong or expired, 2 invalid usage, or no keys found.
     """
     with _refusing_disk_errors(directory):
         found = survey(directory, _now())

@@ -36,8 +36,8 @@ LIBRARIES = ("numpy", "numba", "casadi", "eclipse-zenoh", "pydantic")
 JsonOption = Annotated[
     Path | None,
     typer.Option(
-        help="Write the report to this file as JSON; - writes it to the standard output and the tables "
-        "to the standard error.",
+        help="Write the report to this file as JSON; - writes it to standard output, and the tables to "
+        "standard error.",
         dir_okay=False,
         allow_dash=True,
     ),

@@ -31,26 +31,24 @@ PAGE = "report.html"
 
 def report(
     directory: Annotated[
-        Path, typer.Argument(metavar="DIR", help="A directory that unspoken evaluate has written.")
+        Path, typer.Argument(metavar="DIR", help="A directory written by unspoken evaluate.")
     ],
     against: Annotated[
         str | None,
         typer.Option(
             metavar="NAME",
-            help="The method with which the others are compared, scenario by scenario.",
+            help="The method to compare the others with, scenario by scenario.",
             show_default="exchanged, or else the first",
         ),
     ] = None,
-    worst: Annotated[
-        int, typer.Option(min=0, help="How many of the worst runs are driven again and shown.")
-    ] = 4,
+    worst: Annotated[int, typer.Option(min=0, help="Number of worst runs to repeat and show.")] = 4,
 ) -> None:
-    """Make a page of an evaluation: report.html in its directory, and its figures as PNG files beside it.
+    """Write the HTML report of an evaluation: report.html in its directory, with its figures as PNG files.
 
-    It shows box plots beside the publication's medians, tables with confidence intervals, and the worst runs.
-    An evaluation that is not finished is reported as far as it is. The page needs no network and no scripts.
+    It shows box plots with the paper's medians, tables with confidence intervals, and the worst runs. An
+    incomplete evaluation can be reported too. The page needs no network access and no scripts.
 
-    Exit status: 0 written; 1 interrupted, nothing written; 2 wrong usage, or there is nothing to report;
+    Exit status: 0 written; 1 interrupted, nothing written; 2 invalid usage, or there is nothing to report;
     3 the solver cannot be compiled, or the page cannot be written.
     """
     data = _data(directory, against)

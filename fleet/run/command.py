@@ -32,13 +32,15 @@ Stream = Callable[[Path, Interruption], Iterator[StreamItem]]
 ScenarioArgument = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="A scenario file, or the name of a bundled one such as 8a.")
 ]
-SeedOption = Annotated[int, typer.Option(min=0, metavar="N", help="Of sensor noise and dropouts.")]
-FAULTS_HELP = "A file of faults that are to befall the run, besides those of the scenario."
+SeedOption = Annotated[
+    int, typer.Option(min=0, metavar="N", help="Seed of sensor noise, dropouts and random faults.")
+]
+FAULTS_HELP = "File of faults to inject in addition to those of the scenario."
 FaultsOption = Annotated[Path | None, typer.Option(help=FAULTS_HELP, metavar="FILE", dir_okay=False)]
 OutOption = Annotated[
     Path | None,
     typer.Option(
-        help="Directory for the output, new or empty.",
+        help="Output directory, new or empty.",
         metavar="DIR",
         show_default="runs/<scenario>-<goals>-<time>",
         file_okay=False,
@@ -52,7 +54,7 @@ def run(
     decisions: DecisionOptions,
     clock: Annotated[
         ClockKind,
-        typer.Option(help="Wait for every robot at every step, or publish one step every Δt."),
+        typer.Option(help="Wait for every robot at every step, or publish a step every Δt."),
     ] = ClockKind.LOCKSTEP,
     seed: SeedOption = 0,
     faults: FaultsOption = None,
@@ -60,17 +62,18 @@ def run(
         bool,
         typer.Option(
             "--policy/--no-policy",
-            help="Let every process read and say what it is granted and nothing else, or let all do all.",
+            help="Limit each process to what it is granted to read and send, or let every process do "
+            "everything.",
         ),
     ] = True,
     restart: Annotated[
-        Restart, typer.Option(help="Whether a process that fails before the run is over is started again.")
+        Restart, typer.Option(help="Whether to restart a process that fails before the run is over.")
     ] = Restart.NEVER,
     out: OutOption = None,
 ) -> None:
     """Run a scenario in real processes: a world, and one process per robot.
 
-    Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage or
+    Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 invalid usage or
     scenario, 3 a process failed.
     """
     experiment = prepare(scenario, decisions, clock=clock.value, seed=seed, policy=policy, faults=faults)
@@ -84,15 +87,18 @@ def simulate(
     decisions: DecisionOptions,
     clock: Annotated[
         ClockKind,
-        typer.Option(help="Taken as for run; in virtual time no command is late, so both drive the same."),
+        typer.Option(
+            help="Accepted as for run; in virtual time no command is late, so both give the same run."
+        ),
     ] = ClockKind.LOCKSTEP,
     seed: SeedOption = 0,
     faults: FaultsOption = None,
     out: OutOption = None,
 ) -> None:
-    """Run a scenario in virtual time: the same world and robots in this one process.
+    """Run a scenario in virtual time: the same world and robots in a single process.
 
-    Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 wrong usage or scenario.
+    Exit status: 0 all robots arrived without collision, 1 the run ended otherwise, 2 invalid usage or
+    scenario.
     """
     experiment = prepare(scenario, decisions, clock=VIRTUAL, seed=seed, faults=faults)
     begin = f"preparing {_robots(experiment)}"

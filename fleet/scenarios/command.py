@@ -16,17 +16,21 @@ from protocol.scene import MAX_ROBOTS
 from scenarios import bundled_scenarios, bundled_suites
 
 app = typer.Typer(
+    add_completion=False,
     no_args_is_help=True,
     rich_markup_mode=None,
-    help="List the bundled scenarios and suites, or generate a suite.\n\nExit status: 0 done, 2 wrong usage.",
+    help="List the bundled scenarios and suites, or generate a suite.\n\n"
+    "Exit status: 0 done, 2 invalid usage.",
 )
 
 
 @app.command("list")
 def list_bundled() -> None:
-    """List the bundled scenarios and suites; each can be named wherever a file or a directory is asked for.
+    """List the bundled scenarios and suites.
 
-    Exit status: 0 listed, 2 wrong usage.
+    Their names can be used wherever a file or directory is expected.
+
+    Exit status: 0 listed, 2 invalid usage.
     """
     table = new_table("", "Name", "Scenarios", "Robots")
     for name in (*bundled_scenarios(), *bundled_suites()):
@@ -63,19 +67,21 @@ def checked_numbers(text: str) -> str:
 @app.command()
 def generate(
     out: Annotated[Path, typer.Option(help="Directory for the suite, new or empty.", file_okay=False)],
-    family: Annotated[FamilyName, typer.Option(help="How starts and goals lie.")] = "perimeter",
+    family: Annotated[FamilyName, typer.Option(help="Arrangement of starts and goals.")] = "perimeter",
     robots: Annotated[
         str,
         typer.Option(
-            callback=checked_numbers, help="Numbers of robots, gone through in turn.", metavar="N,N..N"
+            callback=checked_numbers,
+            help="Numbers of robots; scenarios cycle through them.",
+            metavar="N,N..N",
         ),
     ] = "2..8",
-    count: Annotated[int, typer.Option(min=1, help="How many scenarios.")] = 40,
-    seed: Annotated[int, typer.Option(min=0, help="Of all that is drawn.")] = 0,
+    count: Annotated[int, typer.Option(min=1, help="Number of scenarios.")] = 40,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
 ) -> None:
-    """Generate a suite: a directory of scenario files, the same ones for the same options.
+    """Generate a suite: a directory of scenario files; the same options give the same suite.
 
-    Exit status: 0 written, 2 wrong usage, or the directory cannot be used; nothing is left in it then.
+    Exit status: 0 written, 2 invalid usage, or the directory cannot be used; then nothing is left in it.
     """
     recipe = f"unspoken scenarios generate --family {family} --robots {robots} --count {count} --seed {seed}"
     scenarios = generated(family, numbers_in(robots), count, seed)

@@ -32,8 +32,8 @@ def status(
         Path | None,
         typer.Argument(
             metavar="RUN",
-            help="Directory of a run that is going on.",
-            show_default="the only one that is going on in runs/",
+            help="Directory of a run in progress.",
+            show_default="the only run in progress in runs/",
         ),
     ] = None,
     connect: Annotated[
@@ -41,7 +41,7 @@ def status(
     ] = None,
     run: Annotated[
         str,
-        typer.Option(callback=key_name, help="With --connect: the run's name, as its world was given it."),
+        typer.Option(callback=key_name, help="With --connect: name of the run, as given to its world."),
     ] = "run",
     password_file: Annotated[
         Path | None,
@@ -51,17 +51,20 @@ def status(
         Path | None,
         typer.Option(help="With --connect: folder with the bench's keys.", show_default=False),
     ] = None,
-    once: Annotated[bool, typer.Option("--once", help="Listen for two seconds, print, and end.")] = False,
+    once: Annotated[bool, typer.Option("--once", help="Listen for two seconds, print, and exit.")] = False,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print JSON, one object per line, every half second or --once.")
+        bool,
+        typer.Option(
+            "--json", help="Print JSON, one object per line, every half second (or once, with --once)."
+        ),
     ] = False,
 ) -> None:
-    """Show how the world and the robots of a run are doing, live, until it ends or you press Ctrl-C.
+    """Show the state of the world and the robots of a run live, until it ends or you press Ctrl-C.
 
-    Where the output is no terminal, it is shown --once, unless --json is given.
+    If the output is not a terminal, --once is implied, unless --json is given.
 
-    Exit status: 0 it was shown, to the end or until you left; 1 there is no run to show, or it has ended
-    without a verdict; 2 wrong usage, password or keys; 3 the world cannot be reached, or refuses.
+    Exit status: 0 shown to the end or until you stopped it; 1 no run to show, or it ended without a verdict;
+    2 invalid usage, password or keys; 3 the world cannot be reached, or refuses the connection.
     """
     try:
         if connect is None:

@@ -40,16 +40,16 @@ def main(
         typer.Argument(
             metavar="BRIDGE",
             envvar="UNSPOKEN_BRIDGE",
-            help="A file with the robots, their topics and the endpoint of the side of ROS.",
+            help="YAML file with the robots, their topics and the endpoint of the ROS side.",
         ),
     ],
     options: BridgeOptions,
 ) -> None:
-    """Drive real robots: poses from ROS 2 odometry to the agents, their commands to ROS 2 as twists.
+    """Connect real robots: ROS 2 odometry becomes the agents' poses, and their commands become ROS 2 twists.
 
-    It takes the place of a world until stopped by SIGINT or SIGTERM, and then tells all robots to stand.
+    It replaces the world until stopped by SIGINT or SIGTERM, and then stops all robots.
 
-    Exit status: 0 stopped, 2 wrong usage, file, passwords or keys, 3 agents were missing at the start or an
+    Exit status: 0 stopped, 2 invalid usage, file, passwords or keys, 3 agents were missing at the start or an
     endpoint or the watch port cannot be used.
     """
     end_with_parent()

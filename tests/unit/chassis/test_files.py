@@ -49,7 +49,7 @@ def load(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Load:
 
 
 def refusal(load: Load, content: str | bytes) -> list[str]:
-    """The lines with which a file is refused, as of wrong usage."""
+    """The lines with which a file is refused, as of invalid usage."""
     with pytest.raises(Refusal) as raised:
         load(content)
     assert raised.value.status is ExitStatus.WRONG_USAGE

@@ -51,7 +51,7 @@ def summary_in(directory: Path | str) -> dict[str, Any]:
 
 
 def is_refused(result: Result, *words: str) -> None:
-    """Check that it ended with wrong usage, in words, without a traceback and without a trace."""
+    """Check that it ended with invalid usage, in words, without a traceback and without a trace."""
     assert result.exit_code == 2
     assert "Traceback" not in result.output
     for word in words:
