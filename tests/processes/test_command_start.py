@@ -11,7 +11,7 @@ BENCH = {"fleet", "scenarios", "world"}
 OTHER_COMMANDS = {"fleet.evaluate.command", "fleet.bench.command", "agent.__main__"}
 RUN = """
 import json, sys
-from {package}.entry import main
+from {entry} import main
 try:
     main()
 finally:
@@ -20,17 +20,17 @@ finally:
 
 
 @pytest.mark.parametrize(
-    ("package", "words", "unwanted"),
+    ("entry", "words", "unwanted"),
     [
         ("agent", ["--version"], LIBRARIES),
-        ("fleet", ["--help"], LIBRARIES),
-        ("fleet", ["scenarios", "--help"], OTHER_COMMANDS),
+        ("fleet.entry", ["--help"], LIBRARIES),
+        ("fleet.entry", ["scenarios", "--help"], OTHER_COMMANDS),
         ("agent", ["agent", "--help"], BENCH),
     ],
 )
-def test_help_and_version_import_nothing_that_they_do_not_need(package, words, unwanted):
-    command = [sys.executable, "-c", RUN.format(package=package), *words]
+def test_help_and_version_import_nothing_that_they_do_not_need(entry, words, unwanted):
+    command = [sys.executable, "-c", RUN.format(entry=entry), *words]
     said = subprocess.run(command, capture_output=True, text=True, check=True)
     modules = set(json.loads(said.stdout.splitlines()[-1]))
-    assert f"{package}.entry" in modules
+    assert entry in modules
     assert unwanted & modules == set()
