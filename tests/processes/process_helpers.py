@@ -327,20 +327,13 @@ def recorded(out: Path) -> list[tuple[str, Message]]:
     return [(key.removeprefix(start), message) for key, message in recording]
 
 
-def repeatable(out: Path, **unlike: Any) -> dict[tuple[str, int | None], str]:
-    """The messages of a run by key and step, without what differs from run to run.
-
-    Args:
-        out: its directory.
-        unlike: fields of truths that may differ too, with a value to put there.
-    """
+def repeatable(out: Path) -> dict[tuple[str, int | None], str]:
+    """The messages of a run by key and step, without what differs from run to run."""
     messages = {}
     for key, message in recorded(out):
         changes: dict[str, Any] = {"epoch": 0}
         if isinstance(message, Mind):
             changes["timings_ms"] = Timings()
-        if isinstance(message, Truth):
-            changes |= unlike
         place = (key, getattr(message, "step", None))
         assert place not in messages, f"{place} was recorded twice"
         messages[place] = message.model_copy(update=changes).model_dump_json()

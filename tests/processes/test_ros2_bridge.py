@@ -125,6 +125,7 @@ def test_a_robot_whose_odometry_is_garbage_is_not_harmed_and_one_whose_stops_is_
             )
             agents(goals)
             blind = ros.bases["2"]
+            crossing.tells("all robots present")
             for payload in (b"", b"garbage", b"\x00\x01\x00\x00", bytes(740), b"\xff" * 2000):
                 ros.put("2", payload)
             crossing.tells("odometry refused")
@@ -154,7 +155,7 @@ def drain(told, robots):
 
 @pytest.mark.slow
 def test_a_robot_whose_agent_hangs_brakes_and_the_side_of_ros_may_go_and_come_back(bridge, agents, places):
-    bases, goals = star(2, distance_m=20.0)
+    bases, goals = star(2, distance_m=8.0)
     with RosSide(places[1], bases):
         crossing = bridge(bases)
         hung, _ = agents(goals)
