@@ -192,7 +192,7 @@ def bench(
     *,
     only: Annotated[
         list[SectionName] | None,
-        typer.Option(help="Measure this section; may be given several times.", show_default="all"),
+        typer.Option(help="Measure only this section; can be repeated.", show_default="all"),
     ] = None,
     robots: Annotated[
         str, typer.Option(callback=_numbers, help="Numbers of robots to measure with.", metavar="N,N,…")
@@ -200,12 +200,12 @@ def bench(
     options: Settings,
     json: JsonOption = None,
 ) -> None:
-    """Measure how fast and how good decisions are on this machine: solver, decisions, bus and processes.
+    """Measure the speed and quality of decisions on this machine: solver, decisions, bus and processes.
 
-    Takes minutes; Ctrl-C ends it with what has been measured so far. docs/performance.md explains it.
+    Takes minutes; Ctrl-C ends it with the results so far. docs/performance.md explains it.
 
-    Exit status: 0 everything was measured, whatever the figures; 1 interrupted, the report is marked as
-    incomplete; 2 wrong usage; 3 a process failed or the report cannot be written.
+    Exit status: 0 everything was measured, whether targets are met or not; 1 interrupted, and the report is
+    marked as incomplete; 2 invalid usage; 3 a process failed or the report cannot be written.
     """
     sections = tuple(name for name in SECTIONS if only is None or name in only)
     numbers = tuple(sorted({int(part) for part in robots.split(",")}))

@@ -28,17 +28,15 @@ class Settings(Record):
     sections: tuple[SectionName, ...] = tuple(SectionName)
     robots: tuple[Annotated[int, Field(ge=2, le=MOST_ROBOTS)], ...] = (2, 4, 8, 16, 32)
     crossings: int = Field(
-        40, ge=1, description="Random crossings for each number up to 8; fewer for more robots."
+        40, ge=1, description="Random crossings per number of robots up to 8; fewer for more robots."
     )
     seed: int = Field(
         0, ge=0, description="Seed of the first random crossing; the others take the next ones."
     )
-    steps: int = Field(100, ge=2, description="Steps of each closed loop of the joint prediction.")
-    decisions: int = Field(
-        1600, ge=1, description="Decisions after which a closed loop of whole decisions ends."
-    )
-    rounds: int = Field(200, ge=1, description="Rounds over the bus for each number of robots.")
-    starts: int = Field(3, ge=1, description="Starts of a single agent's process, up to its readiness.")
+    steps: int = Field(100, ge=2, description="Steps per closed loop of the joint prediction.")
+    decisions: int = Field(1600, ge=1, description="Maximum decisions per closed loop of whole decisions.")
+    rounds: int = Field(200, ge=1, description="Round trips over the bus per number of robots.")
+    starts: int = Field(3, ge=1, description="Number of start-ups of a single agent process to time.")
     reference: bool = Field(True, description="Compare with the reference solver, which takes minutes.")
 
     def crossings_of(self, robots: int) -> int:

@@ -41,38 +41,39 @@ def faults(
         Path | None,
         typer.Argument(
             metavar="SUITE",
-            help="A file of cases: faults, and what has to hold.",
-            show_default="the bundled one, with every kind",
+            help="A file of cases: faults and guarantees.",
+            show_default="the bundled suite, with every kind of fault",
         ),
     ] = None,
     robots: Annotated[
         str,
-        typer.Option(callback=checked_numbers, help="Numbers of robots, each is tried.", metavar="N,N..N"),
+        typer.Option(callback=checked_numbers, help="Numbers of robots to try.", metavar="N,N..N"),
     ] = "2,4,8",
-    seeds: Annotated[int, typer.Option(min=1, help="How many seeds: each is another crossing.")] = 20,
-    first_seed: Annotated[int, typer.Option(min=0, help="The first of them.")] = 0,
+    seeds: Annotated[
+        int, typer.Option(min=1, help="Number of seeds, each of which gives another crossing.")
+    ] = 20,
+    first_seed: Annotated[int, typer.Option(min=0, help="First seed.")] = 0,
     only: Annotated[
-        list[str] | None, typer.Option(metavar="CASE", help="Try this case only; may be given repeatedly.")
+        list[str] | None, typer.Option(metavar="CASE", help="Try only this case; can be repeated.")
     ] = None,
     goals: Annotated[GoalsName, option(DecisionOptions, "goals")] = DEFAULT_GOALS,
     processes: Annotated[
-        bool, typer.Option("--processes", help="In real processes, one trial after the other.")
+        bool, typer.Option("--processes", help="Use real processes, one trial at a time.")
     ] = False,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help="Processes that simulate.", show_default="one a core"),
+        typer.Option(min=1, help="Number of worker processes.", show_default="one per core"),
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Let things break in many crossings, and check what has to hold: in virtual time, or in real processes.
+    """Inject faults into many crossings and check that guarantees hold, in virtual time or in real processes.
 
-    In every trial no healthy robot may be in a collision that it could have avoided by braking, all healthy
-    robots must arrive, nothing may be amiss before the fault, and nothing may be lost from the recording. A
-    trial in which something does not hold is printed with the command that repeats it. docs/faults.md
-    explains the cases.
+    In every trial, no healthy robot may have a collision that it could have avoided by braking, all healthy
+    robots must arrive, nothing may go wrong before the fault, and the recording must be complete. A trial
+    with a violation is printed with the command that repeats it. docs/faults.md explains the cases.
 
-    Exit status: 0 everything held, 1 something did not, or interrupted, 2 wrong usage, 3 the trials could not
-    be made.
+    Exit status: 0 everything held, 1 something was violated, or interrupted, 2 invalid usage, 3 the trials
+    could not be run.
     """
     cases = _chosen(suite or BUNDLED, only, numbers_in(robots), processes)
     tried = product(cases, numbers_in(robots), range(first_seed, first_seed + seeds))
