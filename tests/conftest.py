@@ -19,6 +19,7 @@ HERE = Path(__file__).parent
 WITHOUT_SOLVER = [
     HERE / folder
     for folder in (
+        "unit",
         "processes/deploy",
         "processes/silence",
         "processes/world",

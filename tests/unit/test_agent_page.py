@@ -8,14 +8,9 @@ import typer
 import yaml
 from markdown_it import MarkdownIt
 
-import agent.check.device
 from agent.__main__ import main
-from agent.check import Finding
-from agent.check.speed import DECISIONS, TIGHT
-from agent.process.options import FileOptions, RobotOptions, options_in
+from agent.process.options import FileOptions, options_in
 from chassis.refusal import app_of
-from protocol.identity import SOON
-from protocol.scene import MAX_ROBOTS, Goal
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "agent.md").read_text(encoding="utf-8")
@@ -55,31 +50,3 @@ def test_the_example_of_a_file_can_be_used(page: str, tmp_path: Path) -> None:
     path.write_text(example, encoding="utf-8")
     path.chmod(0o600)
     assert options_in(path).keys() == yaml.safe_load(example).keys()
-
-
-def test_what_the_page_on_deployment_has_a_device_do_can_be_done_there() -> None:
-    """That its options exist is checked of all pages."""
-    page = (DOCS / "deploy.md").read_text(encoding="utf-8")
-    assert set(re.findall(r"^/opt/unspoken/bin/unspoken (\S+)", page, re.MULTILINE)) == {"agent"}
-    assert set(re.findall(r"(?<= )\./(\S+)$", page, re.MULTILINE)) == {"deploy/agent"}
-    assert (DOCS.parent / "deploy" / "agent" / "pyproject.toml").exists()
-
-
-def test_the_check_has_these_items_in_this_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    ready = Finding("", "ok", "")
-    for name, made in {
-        "check_world": (ready._replace(item="world"), None),
-        "check_kernels": ready._replace(item="kernels"),
-        "check_speed": ready._replace(item="decision time"),
-    }.items():
-        monkeypatch.setattr(agent.check.device, name, lambda *_, made=made, **__: made)
-    options = RobotOptions(robot="1", goal=Goal(x_m=4.0, y_m=0.0, heading_rad=0.0))
-    found = agent.check.device.findings(options, None)
-    assert [each.item for each in found] == [code(row[0]) for row in rows("item")]
-
-
-def test_the_numbers_on_the_page_are_those_of_the_check() -> None:
-    assert f"up to {DECISIONS} decisions" in PAGE
-    assert f"more than {100 * TIGHT:.0f} % of it" in PAGE
-    assert f"{SOON.days} days before they expire" in PAGE
-    assert f"1 to {MAX_ROBOTS}" in PAGE

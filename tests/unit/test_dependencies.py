@@ -14,8 +14,9 @@ from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("chassis", "protocol", "world", "agent", "fleet", "scenarios")
-PYPROJECT = (ROOT / "pyproject.toml").read_text()
-PROJECT = tomllib.loads(PYPROJECT)["project"]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+PROJECT = PYPROJECT["project"]
+ALL_PACKAGES = PYPROJECT["tool"]["setuptools"]["packages"]
 NEEDED_TO_RUN = PROJECT["dependencies"]
 WITH_EXTRAS = NEEDED_TO_RUN + PROJECT["optional-dependencies"]["orca"]
 NEEDED_TO_TEST = WITH_EXTRAS + PROJECT["optional-dependencies"]["dev"]
@@ -78,22 +79,12 @@ def imported_by(packages):
     return {canonicalize_name(DISTRIBUTIONS[name][0]) for name in outside} - PART_OF_ANOTHER
 
 
-def test_every_installed_dependency_is_pinned_to_its_version_and_nothing_else_is():
+def test_everything_installed_is_pinned_to_its_version_which_the_project_accepts_and_nothing_else_is():
     pinned = {name: str(requirement.specifier) for name, requirement in pins().items()}
     assert pinned == {name: f"=={found}" for name, found in installed_with(NEEDED_TO_TEST).items()}
-
-
-def test_the_pinned_versions_are_ones_that_the_project_accepts_and_name_no_place_to_download_from():
     for requirement in map(Requirement, NEEDED_TO_TEST):
-        pinned = pins()[canonicalize_name(requirement.name)]
-        assert requirement.specifier.contains(str(pinned.specifier).removeprefix("==")), requirement
-    assert "://" not in (ROOT / "constraints.txt").read_text()
-
-
-def test_every_dependency_says_why_it_is_wanted():
-    for requirement in NEEDED_TO_TEST:
-        (line,) = [line for line in PYPROJECT.splitlines() if f'"{requirement}"' in line]
-        assert line.partition("#")[2].strip(), line
+        assert requirement.specifier.contains(version(requirement.name)), requirement
+    assert "://" not in (ROOT / "constraints.txt").read_text(), "it names no place to download from"
 
 
 def test_what_is_imported_is_declared_and_what_is_declared_is_imported():
@@ -101,29 +92,15 @@ def test_what_is_imported_is_declared_and_what_is_declared_is_imported():
     assert declared == imported_by(PACKAGES)
 
 
-def own_distribution(folder):
-    """The project and the packages of deploy/<folder>/pyproject.toml."""
+@pytest.mark.parametrize(("folder", "packages"), OWN_DISTRIBUTIONS.items())
+def test_a_distribution_of_its_own_carries_its_packages_whole_and_needs_what_they_import(folder, packages):
     settings = tomllib.loads((ROOT / "deploy" / folder / "pyproject.toml").read_text())
-    return settings["project"], settings["tool"]["setuptools"]
-
-
-@pytest.mark.parametrize(("folder", "packages"), OWN_DISTRIBUTIONS.items())
-def test_a_distribution_of_its_own_needs_what_its_packages_import_in_the_versions_of_the_whole(
-    folder, packages
-):
-    project, _ = own_distribution(folder)
+    project, setuptools = settings["project"], settings["tool"]["setuptools"]
     needed = {*project["dependencies"], *chain(*project.get("optional-dependencies", {}).values())}
-    assert needed <= set(WITH_EXTRAS)
+    assert needed <= set(WITH_EXTRAS), "in the versions of the whole"
     assert {canonicalize_name(Requirement(text).name) for text in needed} == imported_by(packages)
-
-
-@pytest.mark.parametrize(("folder", "packages"), OWN_DISTRIBUTIONS.items())
-def test_a_distribution_of_its_own_is_of_this_version_and_carries_its_packages_whole(folder, packages):
-    project, setuptools = own_distribution(folder)
     for what in ("version", "requires-python", "license"):
         assert project[what] == PROJECT[what]
-    all_packages = tomllib.loads(PYPROJECT)["tool"]["setuptools"]["packages"]
-    assert sorted(setuptools["packages"]) == sorted(
-        name for name in all_packages if name.partition(".")[0] in packages
-    )
+    whole = [name for name in ALL_PACKAGES if name.partition(".")[0] in packages]
+    assert sorted(setuptools["packages"]) == sorted(whole)
     assert setuptools["package-dir"] == {name: f"../../{name}" for name in packages}

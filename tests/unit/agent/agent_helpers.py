@@ -18,7 +18,7 @@ from agent.solve import ITERATIONS, Clock, Deadline, joint_solver
 from agent.solve.multistart import cold_starts
 from agent.solve.problem import JointProblem, JointSolver, Solution, Start
 from agent.solve.vehicle import Array
-from protocol.messages import Accuracy, Observation, State
+from protocol.messages import Accuracy, Mind, Observation, State, Timings
 from protocol.scene import Area, Goal, PublicRobot, Scene
 from protocol.vehicle import Limits
 
@@ -164,6 +164,13 @@ def seen(
             for robot, (x, y, heading, speed) in states.items()
         },
     )
+
+
+def mind_of(step: int, **told: Any) -> Mind:
+    """What robot a may have thought at a step."""
+    nothing = {"arrived": False, "estimates": {}, "prediction": {}, "plan": (), "failed": ()}
+    counts = {"decision": step, "solver_failures": 0, "cut_short_at": None, "timings_ms": Timings()}
+    return Mind(epoch=EPOCH, robot="a", step=step, **{**nothing, **counts, **told})
 
 
 def device(connect: str = "tcp/127.0.0.1:7447", **changes: Any) -> RobotOptions:

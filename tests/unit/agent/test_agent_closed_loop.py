@@ -1,7 +1,5 @@
 """Agents driving in the simulated world, core against core, in virtual time."""
 
-from functools import cache
-
 import pytest
 from agent_helpers import EPOCH
 
@@ -14,6 +12,7 @@ from scenarios import find
 from world.world import World
 
 COLLISION_M = 0.99
+CROSSING = load_scenario(find("2-crossing"))
 
 
 def run(
@@ -38,20 +37,6 @@ def run(
     return world.truth(), minds
 
 
-def crossing(goals: GoalsName, **settings) -> tuple[Truth, list[Mind]]:
-    return run(load_scenario(find("2-crossing")), goals, **settings)
-
-
-@cache
-def noisy_crossing() -> tuple[Truth, list[Mind]]:
-    """Far enough for both estimators, with noise that makes recovered inputs jump about."""
-    noisy = Sensing(
-        range_m=5.0, position_noise_m=0.02, heading_noise_rad=0.02, speed_noise_mps=0.1, dropout=0.2
-    )
-    scenario = load_scenario(find("2-crossing")).model_copy(update={"sensing": noisy})
-    return run(scenario, "ioc", steps=18, seed=3)
-
-
 @pytest.mark.parametrize(
     ("goals", "solver"),
     [
@@ -64,7 +49,7 @@ def noisy_crossing() -> tuple[Truth, list[Mind]]:
     ],
 )
 def test_two_robots_cross_and_park_without_one_command_beyond_the_limits(goals, solver):
-    truth, minds = crossing(goals, steps=150, solver=solver)
+    truth, minds = run(CROSSING, goals, steps=150, solver=solver)
     assert truth.verdict == "arrived"
     assert truth.minimum_distance_m > COLLISION_M
     assert not any(mind.failed for mind in minds)
@@ -74,12 +59,15 @@ def test_two_robots_cross_and_park_without_one_command_beyond_the_limits(goals, 
         assert 7.8 < robot.driven_m < 10.0
 
 
-def test_noise_and_dropouts_are_lived_with():
-    truth, minds = noisy_crossing()
+def test_noise_and_dropouts_are_lived_with_and_the_same_run_twice_is_the_same_bit_for_bit():
+    """Far enough for both estimators, with noise that makes recovered inputs jump about."""
+    noisy = Sensing(
+        range_m=5.0, position_noise_m=0.02, heading_noise_rad=0.02, speed_noise_mps=0.1, dropout=0.2
+    )
+    scenario = CROSSING.model_copy(update={"sensing": noisy})
+    once, again = (run(scenario, "ioc", steps=18, seed=3) for _ in range(2))
+    assert once == again
+    truth, minds = once
     assert [mind.failed for mind in minds] == [()] * 36
     assert {len(mind.prediction) for mind in minds} == {1, 2}, "out of range at first"
     assert all(robot.driven_m > 1.0 for robot in truth.robots.values())
-
-
-def test_the_same_run_twice_is_the_same_bit_for_bit():
-    assert noisy_crossing() == noisy_crossing.__wrapped__()

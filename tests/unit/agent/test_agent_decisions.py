@@ -9,9 +9,6 @@ import pytest
 from agent_helpers import EPOCH, STEP_S, Watched, agent_of, euler, scene_of, seen
 
 from agent.agent import Agent, Decision
-from agent.estimate import ESTIMATORS
-from agent.estimate.goals import ConstantAcceleration
-from agent.remember.memory import Memory
 from protocol.codec import decode, encode
 from protocol.messages import Mind
 from protocol.scene import Goal
@@ -39,20 +36,6 @@ def decided(agent: Agent, step: int, states: Mapping[str, tuple[float, ...]]) ->
     assert decision.command.step == decision.mind.step == step
     assert decode(Mind, encode(decision.mind)) == decision.mind
     return decision
-
-
-def test_it_remembers_estimates_predicts_and_plans_in_this_order(monkeypatch, solver):
-    class Taped(ConstantAcceleration):
-        def estimate(self, memory: Memory) -> dict[str, np.ndarray]:
-            solver.phases.append(f"estimate at step {memory.step}")
-            return super().estimate(memory)
-
-    monkeypatch.setitem(ESTIMATORS, "constant-acceleration", Taped)
-    agent = robot_a(solver=solver)
-    decided(agent, 0, {"a": A, "b": B})
-    decided(agent, 1, {"a": A, "b": B})
-    turn = ["predict", "plan"]
-    assert solver.phases == ["estimate at step 0", *turn, "estimate at step 1", *turn]
 
 
 def test_the_first_input_of_the_plan_is_commanded_and_the_second_said_for_the_step_after():
@@ -142,10 +125,3 @@ def test_agents_given_the_same_decide_the_same_whatever_their_clocks_say():
 
     readings = iter(np.arange(1e4) ** 1.5)
     assert run(lambda: 0.0) == run(lambda: float(next(readings)))
-
-
-def test_the_phases_of_a_decision_are_timed():
-    readings = iter(range(100))
-    agent = robot_a(clock=lambda: float(next(readings)))
-    timings = decided(agent, 0, {"a": A, "b": B}).mind.timings_ms
-    assert (timings.estimate, timings.predict, timings.plan, timings.decide) == (1e3, 1e3, 1e3, 7e3)

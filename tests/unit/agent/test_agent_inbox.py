@@ -1,7 +1,5 @@
 """Only the newest pose counts, however many wait and whatever lies between them."""
 
-import threading
-
 import msgpack
 import pytest
 import structlog
@@ -12,7 +10,6 @@ from agent.process.inbox import Inbox
 from protocol.codec import OtherVersionError, encode
 from protocol.messages import Observation
 
-PATIENCE_S = 60.0
 HERE = {"a": (1.0, 2.0, 0.5, 0.0)}
 
 
@@ -70,25 +67,4 @@ def test_a_pose_of_another_version_is_told_once_where_there_is_no_newer_pose(inb
     assert inbox.next() == pose(4)
     assert not inbox.has_news()
     inbox.close()
-    assert inbox.next() is None
-
-
-def test_whoever_waits_is_woken_by_a_pose_and_by_the_end(inbox):
-    taken, took = [], threading.Semaphore(0)
-
-    def take():
-        while True:
-            taken.append(inbox.next())
-            took.release()
-            if taken[-1] is None:
-                return
-
-    taker = threading.Thread(target=take)
-    taker.start()
-    inbox.store(encode(pose(3)))
-    assert took.acquire(timeout=PATIENCE_S)
-    inbox.close()
-    assert took.acquire(timeout=PATIENCE_S)
-    taker.join()
-    assert taken == [pose(3), None]
     assert inbox.next() is None

@@ -16,7 +16,6 @@ from agent.drive.commands import DOUBTFUL
 from agent.estimate.goals import Unestimated
 from agent.methods import Method
 from agent.solve.planning import Plan
-from protocol.messages import Observation
 from protocol.scenario import Pose, Scenario, ScenarioRobot
 from protocol.scene import Goal, Scene
 from protocol.vehicle import Input
@@ -45,10 +44,6 @@ class Whims:
 
 def agent_with(whims: Any, scene: Scene) -> Agent:
     return Agent("a", FAR_GOAL, scene, Method(Unestimated(), whims, whims, NEVER), lambda: 0.0)
-
-
-def moving(step: int, *inputs: tuple[float, float]) -> Observation:
-    return seen(step, {"a": euler(MOVING, inputs)[-1]})
 
 
 COURSES = [
@@ -97,16 +92,8 @@ def test_until_it_has_given_a_command_the_last_input_is_recovered_from_the_poses
     """As when its process was started anew in the middle of a run."""
     whims = Whims(random.Random(0))
     agent = agent_with(whims, scene_of("a"))
-    agent.decide(moving(7))
+    agent.decide(seen(7, {"a": MOVING}))
     agent.withdraw()
-    agent.decide(moving(8, (0.1, 0.5)))
+    agent.decide(seen(8, {"a": euler(MOVING, [(0.1, 0.5)])[-1]}))
     assert whims.previous[0] == (0.0, 0.0)
     assert whims.previous[1] == pytest.approx((0.1, 0.5))
-
-
-def test_after_a_very_long_sleep_it_takes_itself_to_stand():
-    whims = Whims(random.Random(0))
-    agent = agent_with(whims, scene_of("a"))
-    agent.decide(moving(0))
-    agent.decide(moving(10**9))
-    assert whims.previous[1] == pytest.approx((0.0, 0.0), abs=1e-9)

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from queue import SimpleQueue
 
 import zenoh
-from agent_helpers import EPOCH, scene_of, seen
+from agent_helpers import EPOCH, mind_of, scene_of, seen
 from structlog.testing import capture_logs
 
 from agent.agent import Decision
@@ -15,7 +15,7 @@ from agent.process.options import RobotOptions
 from agent.process.robot import RobotProcess
 from protocol.codec import decode, encode
 from protocol.keys import Keys
-from protocol.messages import Command, Mind, Observation, PublicScene, Timings
+from protocol.messages import Command, Mind, Observation, PublicScene
 from protocol.scene import Goal
 from protocol.session import world_session
 
@@ -37,9 +37,7 @@ class Slow:
             self.world.wait_until_stored(step + 1)
         self.answered.append(step)
         command = Command(epoch=EPOCH, robot="a", step=step, turn_rate_radps=0.0, acceleration_mps2=0.0)
-        nothing = {"arrived": False, "estimates": {}, "prediction": {}, "plan": (), "failed": ()}
-        counts = {"decision": step, "solver_failures": 0, "cut_short_at": None, "timings_ms": Timings()}
-        return Decision(command, Mind(epoch=EPOCH, robot="a", step=step, **nothing, **counts))
+        return Decision(command, mind_of(step))
 
     def withdraw(self):
         self.withdrawn.append(self.answered[-1])

@@ -3,33 +3,17 @@
 from pathlib import Path
 
 import pytest
-import typer
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import agent.__main__
 from agent.cli import app
-from agent.process.options import FileOptions, RobotOptions, options_in, parse_goal
+from agent.process.options import RobotOptions, options_in, parse_goal
 from chassis.refusal import Refusal, app_of
 from protocol.scene import Goal
 
-WHOLE = """
-robot: 3
-goal: {x_m: 4, y_m: -4.5, heading_rad: -0.785}
-connect: tls/world.local:7447
-password_file: secret
-keys: /etc/unspoken/keys
-run: hall
-goals: ioc
-solver: reference
-iterations: 3
-budget_ms: 50
-watch_port: 9100
-robots: 4
-"""
-COMMAND = typer.main.get_command(app_of(agent.__main__.main))
-OPTIONS = {each.name: each for each in COMMAND.params}
+NUMBERS = st.floats(-1e6, 1e6)
 
 
 @pytest.fixture
@@ -58,69 +42,25 @@ def checked(monkeypatch):
     return run
 
 
-def test_every_field_is_an_option_of_the_command_line_the_environment_and_the_file():
-    assert set(OPTIONS) - {"config", "check", "json"} == set(RobotOptions.model_fields)
-    assert set(FileOptions.model_fields) == set(RobotOptions.model_fields)
-    for name, field in RobotOptions.model_fields.items():
-        option = OPTIONS[name]
-        assert option.opts == [f"--{name.replace('_', '-')}"]
-        assert option.envvar == f"UNSPOKEN_{name.upper()}"
-        assert option.required == field.is_required()
-        assert option.required or option.default == field.default
-        assert field.description
-        assert option.help == field.description
-
-
-def test_all_of_them_are_taken_from_the_file(file, checked, tmp_path):
-    result, options = checked("--config", file(WHOLE))
-    assert result.exit_code == 0, result.output
-    assert options == RobotOptions(
-        robot="3",
-        goal=Goal(x_m=4.0, y_m=-4.5, heading_rad=-0.785),
-        connect="tls/world.local:7447",
-        password_file=tmp_path / "secret",
-        keys=Path("/etc/unspoken/keys"),
-        run="hall",
-        goals="ioc",
-        solver="reference",
-        iterations=3,
-        budget_ms=50.0,
-        watch_port=9100,
-        robots=4,
-    )
-    assert options.budget_s == 0.05
-
-
-NUMBERS = st.floats(-1e6, 1e6)
-
-
 @settings(max_examples=30)
 @given(
-    st.builds(
-        RobotOptions,
-        robot=st.from_regex(r"\A[A-Za-z0-9][A-Za-z0-9_-]{0,31}\Z"),
-        goal=st.builds(Goal, x_m=NUMBERS, y_m=NUMBERS, heading_rad=NUMBERS),
-        connect=st.just("tcp/127.0.0.1:1"),
-        password_file=st.none() | st.just(Path("/a/b")),
-        keys=st.none() | st.just(Path("/a/b")),
-        run=st.just("hall"),
-        goals=st.sampled_from(["ioc", "joint-fit", "exchanged"]),
-        budget_ms=st.none() | st.floats(0.0, 1e9),
-    )
+    goal=st.builds(Goal, x_m=NUMBERS, y_m=NUMBERS, heading_rad=NUMBERS),
+    robot=st.from_regex(r"\A[A-Za-z0-9][A-Za-z0-9_-]{0,31}\Z"),
+    budget_ms=st.none() | st.floats(0.0, 1e9),
+    keys=st.none() | st.just(Path("/a/b")),
 )
-def test_the_environment_of_a_process_says_exactly_its_options(options):
-    found = []
-    command = app_of(agent.__main__.with_options(environment=True)(_noting(found)))
-    environment = {f"UNSPOKEN_{name.upper()}": value for name, value in options.as_environment().items()}
-    assert CliRunner().invoke(command, [], env=environment).exit_code == 0
-    assert found == [options]
+def test_the_environment_of_a_process_says_exactly_its_options(goal, robot, budget_ms, keys):
+    found: list[RobotOptions] = []
 
-
-def _noting(found):
     def note(options: RobotOptions) -> None:
         found.append(options)
 
-    return note
+    told = {"run": "hall", "goals": "ioc", "iterations": 3, "watch_port": 9100, "robots": 4}
+    options = RobotOptions(goal=goal, robot=robot, budget_ms=budget_ms, keys=keys, **told)
+    command = app_of(agent.__main__.with_options(environment=True)(note))
+    environment = {f"UNSPOKEN_{name.upper()}": value for name, value in options.as_environment().items()}
+    assert CliRunner().invoke(command, [], env=environment).exit_code == 0
+    assert found == [options]
 
 
 def test_the_command_line_goes_before_the_environment_and_that_before_the_file(file, checked):
@@ -179,8 +119,3 @@ def test_a_goal_is_not_for_everybody_to_read(file):
         options_in(file(goal, 0o644))
     assert options_in(file(goal, 0o640)) == {"goal": parse_goal("4,0,0")}
     assert options_in(file("robot: 1\n", 0o644)) == {"robot": "1"}
-
-
-def test_json_is_for_the_check_only():
-    result = CliRunner().invoke(app, ["agent", "--robot", "1", "--goal", "1,0,0", "--json"])
-    assert (result.exit_code, "--check" in result.output) == (2, True)

@@ -53,21 +53,14 @@ class Drive:
 
 
 @pytest.mark.parametrize("age_steps", [0, 2])
-def test_who_is_not_seen_is_extrapolated_until_it_is_seen_again(age_steps):
+def test_who_is_not_seen_or_not_believed_is_extrapolated_until_it_is_seen_again(age_steps):
     """A robot that sees everybody, if late as it is said, is not degraded."""
     drive = Drive()
-    views: list[dict[str, Place]] = [{"b": B}, {"b": B}, {"b": B}, {}, {}, {"b": B}]
-    degraded = [drive.on(view, age_steps=age_steps).mind.degraded for view in views]
-    assert degraded == [(), (), (), ("extrapolation",), ("extrapolation",), ()]
-
-
-def test_a_sighting_that_is_refused_is_told_and_the_robot_is_taken_to_be_where_it_should_be():
-    drive = Drive()
-    drive.on()
-    jumped = drive.on({"b": (0.0, 0.5, *B[2:])}).mind
-    assert jumped.degraded == ("extrapolation", "gate")
-    assert jumped.prediction["b"][0] == pytest.approx(B[:2])
-    assert drive.on().mind.degraded == ()
+    views: list[dict[str, Place]] = [{"b": B}] * 3 + [{}, {}, {"b": B}, {"b": (0.0, 0.5, *B[2:])}, {"b": B}]
+    minds = [drive.on(view, age_steps=age_steps).mind for view in views]
+    expected = [(), (), (), ("extrapolation",), ("extrapolation",), (), ("extrapolation", "gate"), ()]
+    assert [mind.degraded for mind in minds] == expected
+    assert minds[6].prediction["b"][0] == pytest.approx(B[:2]), "where it should be"
 
 
 def test_the_stop_for_want_of_sight_is_told_and_brakes():

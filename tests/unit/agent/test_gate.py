@@ -1,16 +1,16 @@
-"""What the kinematic gate believes: everything that a vehicle can do, and little else."""
+"""The kinematic gate believes all that a vehicle can do and little else; what perception makes of that."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from agent_helpers import STEP_S
-from hypothesis import given, settings
+from agent_helpers import STEP_S, scene_of, seen
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from agent.remember.memory import LONGEST_GAP
-from agent.remember.perception import REACQUIRED_AFTER, Gate
+from agent.remember.perception import REACQUIRED_AFTER, Gate, Perception
 from protocol.messages import Accuracy, State
 from protocol.vehicle import STANDSTILL, Input, Limits
 from world.vehicle import VehicleState, drive
@@ -24,6 +24,9 @@ INPUTS = st.tuples(FRACTIONS, FRACTIONS).map(
 )
 """Wanted ones; the vehicle drives what its limits make of them."""
 HELD = st.tuples(INPUTS, st.integers(1, 25))
+TURN = LIMITS.turn_rate_radps
+TIGHTEST = [Input(TURN, 3.0)] * 60 + [Input(TURN, -3.0)] * 30
+"""The tightest turn at top speed, after it has been reached, and the strongest braking in it."""
 DRIVES = st.lists(HELD, min_size=1, max_size=8).map(
     lambda parts: [wanted for wanted, steps in parts for _ in range(steps)]
 )
@@ -64,16 +67,9 @@ def watching(steps: int = 5) -> Gate:
     return begun
 
 
-def measured(states: Sequence[State], accuracy: Accuracy, seed: int) -> list[State]:
-    """With noise of the standard deviations told."""
-    errors = np.random.default_rng(seed).normal(size=(len(states), 4)) * accuracy.as_tuple()
-    return [
-        State.of(*(np.array(true.as_tuple()) + off).tolist())
-        for true, off in zip(states, errors, strict=True)
-    ]
-
-
 @settings(max_examples=50)
+@example(TIGHTEST, 0.0, 0.0, [1] * 90)
+@example(TIGHTEST, 0.0, 0.0, [LONGEST_GAP] * 9)
 @given(
     DRIVES,
     st.floats(-LIMITS.speed_mps, LIMITS.speed_mps),
@@ -84,16 +80,6 @@ def test_whatever_a_vehicle_drives_is_believed_also_what_nobody_saw(inputs, spee
     states, by = driven(inputs, speed_mps=speed_mps, heading_rad=heading_rad), gate()
     seen = [step for step in np.cumsum([0, *gaps]).tolist() if step < len(states)]
     assert {by.judge("a", step, states[step], EXACT) for step in seen} == {BELIEVED}
-
-
-@pytest.mark.parametrize("gap", range(1, LONGEST_GAP + 1))
-@pytest.mark.parametrize("forwards", [1.0, -1.0])
-def test_the_tightest_turn_at_top_speed_is_believed(gap, forwards):
-    """After it has been reached; and the strongest braking in it."""
-    turning = Input(LIMITS.turn_rate_radps, forwards * LIMITS.acceleration_mps2)
-    braking = turning._replace(acceleration_mps2=-turning.acceleration_mps2)
-    states, by = driven([turning] * 60 + [braking] * 30), gate()
-    assert {by.judge("a", step, states[step], EXACT) for step in range(0, 91, gap)} == {BELIEVED}
 
 
 @settings(max_examples=15)
@@ -107,7 +93,9 @@ def test_the_tightest_turn_at_top_speed_is_believed(gap, forwards):
 def test_noise_of_the_told_accuracy_is_hardly_ever_refused(held, position_m, heading_rad, speed_mps, seed):
     states = driven([wanted for wanted, steps in held for _ in range(steps)])
     accuracy = Accuracy(position_m=position_m, heading_rad=heading_rad, speed_mps=speed_mps)
-    judgements = judged(gate(), measured(states, accuracy, seed), accuracy=accuracy)
+    errors = np.random.default_rng(seed).normal(size=(len(states), 4)) * accuracy.as_tuple()
+    measured = np.array([true.as_tuple() for true in states]) + errors
+    judgements = judged(gate(), [State.of(*each) for each in measured.tolist()], accuracy=accuracy)
     assert len(judgements) - judgements.count(BELIEVED) <= 0.01 * len(judgements)
 
 
@@ -167,13 +155,10 @@ def test_sightings_that_do_not_fit_one_another_are_never_believed(jumps, every):
 
 def test_a_refusal_counts_only_in_a_row():
     """One sighting that is believed in between, and those that are refused later begin anew."""
-    by, away = watching(), [state(50.0 + 0.2 * step) for step in range(10)]
-    assert judged(by, away[: REACQUIRED_AFTER - 1], first=5) == [REFUSED] * (REACQUIRED_AFTER - 1)
-    step = 5 + REACQUIRED_AFTER - 1
-    assert by.judge("a", step, straight(step), EXACT) == BELIEVED
-    assert judged(by, away[REACQUIRED_AFTER:][: REACQUIRED_AFTER - 1], first=step + 1) == [REFUSED] * (
-        REACQUIRED_AFTER - 1
-    )
+    told = [state(50.0 + 0.2 * step) for step in range(2 * REACQUIRED_AFTER - 1)]
+    told[REACQUIRED_AFTER - 1] = straight(5 + REACQUIRED_AFTER - 1)
+    refused = [REFUSED] * (REACQUIRED_AFTER - 1)
+    assert judged(watching(), told, first=5) == [*refused, BELIEVED, *refused]
 
 
 def test_neither_an_old_view_nor_one_after_a_long_gap_is_a_jump():
@@ -183,3 +168,47 @@ def test_neither_an_old_view_nor_one_after_a_long_gap_is_a_jump():
     assert by.judge("a", 5, straight(5), EXACT) == BELIEVED
     assert watching().judge("a", 4 + LONGEST_GAP, state(50.0), EXACT) == REFUSED
     assert watching().judge("a", 4 + LONGEST_GAP + 1, state(50.0), EXACT) == BELIEVED
+
+
+A = (0.0, 0.0, 0.0, 2.0)
+B = (5.0, 5.0, 0.0, 0.0)
+ELSEWHERE = (-5.0, 5.0, 1.0, 0.0)
+
+
+def test_who_is_believed_anew_is_known_from_then_on_only():
+    perception = Perception(scene_of("ab"), "a")
+    own = [(0.2 * step, *A[1:]) for step in range(9)]
+    for step in range(4):
+        assert perception.take_in(seen(step, {"a": own[step], "b": B}), None) == set()
+    for step in range(4, 3 + REACQUIRED_AFTER):
+        assert perception.take_in(seen(step, {"a": own[step], "b": ELSEWHERE}), None) == {"b"}
+        assert perception.memory.state("b").tolist() == list(B)
+    step = 3 + REACQUIRED_AFTER
+    assert perception.take_in(seen(step, {"a": own[step], "b": ELSEWHERE}), None) == set()
+    assert perception.memory.states("b", 99).tolist() == [list(ELSEWHERE)]
+
+
+@pytest.mark.parametrize("missed", [0, 3])
+def test_an_own_pose_that_is_refused_is_replaced_by_where_its_inputs_have_led_it(missed):
+    """Also over steps of which it saw nothing: it is taken to have driven the same at all of them."""
+    perception = Perception(scene_of("ab"), "a")
+    perception.take_in(seen(0, {"a": A}), None)
+    steps = 1 + missed
+    refused = perception.take_in(seen(steps, {"a": (9.0, 9.0, 0.0, 0.0)}), Input(0.0, 1.0))
+    assert refused == {"a"}
+    way_m = sum(0.1 * (2.0 + 0.1 * step) for step in range(steps))
+    assert perception.memory.state("a") == pytest.approx((way_m, 0.0, 0.0, 2.0 + 0.1 * steps))
+    assert perception.memory.unseen_steps("a") == 0
+    unknowing = Perception(scene_of("ab"), "a")
+    unknowing.take_in(seen(0, {"a": A}), None)
+    assert unknowing.take_in(seen(1, {"a": (9.0, 9.0, 0.0, 0.0)}), None) == {"a"}
+    assert unknowing.memory.unseen_steps("a") == 1, "without a known input it is not seen"
+
+
+def test_the_view_of_others_is_judged_at_the_step_of_which_it_is():
+    """A robot at 4 m/s is 0.8 m on after two steps, which it could not be after one."""
+    perception = Perception(scene_of("ab"), "a")
+    perception.take_in(seen(5, {"a": A, "b": (0.0, 5.0, 0.0, 4.0)}), None)
+    late = seen(8, {"a": (0.6, *A[1:]), "b": (0.8, 5.0, 0.0, 4.0)}, age_steps=1)
+    assert perception.take_in(late, None) == set()
+    assert perception.memory.unseen_steps("b") == 1

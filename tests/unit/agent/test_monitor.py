@@ -11,7 +11,7 @@ from agent_helpers import STEP_S, euler, scene_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.drive.safety import DOUBTED_STEPS, CollisionMonitor, braking_path, gaps_m, positions_ahead
+from agent.drive.safety import CollisionMonitor, braking_path, positions_ahead
 from agent.remember.memory import Memory
 from agent.solve.planning import Plan
 from agent.solve.vehicle import Array
@@ -56,16 +56,6 @@ def test_positions_ahead_are_those_of_robots_that_go_on_or_slow_down_until_they_
     ways = positions_ahead(both, turns, np.array(losses), 61, STEP_S)
     assert ways.shape == (2, 61, 2)
     np.testing.assert_allclose(ways[0], euler(begin, inputs)[:, :2], atol=1e-9)
-
-
-def test_gaps_are_the_smallest_distances_at_the_same_step_less_what_must_be_kept():
-    """Whoever has come to the end of its path stays there."""
-    path = np.array([(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)])
-    meets = np.array([(4.0, 0.0), (3.0, 0.0), (2.5, 0.0)])
-    gaps = gaps_m(path, np.array([[path - [3.0, 0.0], meets]]), np.array([1.0, 0.2]))
-    np.testing.assert_allclose(gaps, [[2.0, 0.3]])
-    comes = np.array([(6.0 - step, 0.0) for step in range(5)])
-    np.testing.assert_allclose(gaps_m(path, comes[None, None], np.zeros(1)), [[0.0]])
 
 
 BEGIN = (-8.0, 0.0, 0.0, 3.0)
@@ -176,18 +166,3 @@ def test_nobody_is_braked_for_who_does_as_expected(actual):
 def test_what_noise_explains_is_no_departure(accuracy, is_doubted):
     drive = Drive(lambda step: (2.0, 0.1 * (step % 3), math.pi / 2, 0.0), going_on, accuracy)
     assert bool(drive.run().braked) == is_doubted
-
-
-def test_an_intervention_that_begins_anew_is_counted_anew():
-    """While robot b is told to depart, to do as expected for long, and to depart again."""
-    monitor, memory = CollisionMonitor(scene_of("ab"), "a"), Memory(17, STEP_S)
-    near, plan = (-5.0, 0.0, 0.0, 3.0), Plan(np.zeros((30, 2)), euler(BEGIN, [STANDSTILL] * 30), solved=True)
-    counts = []
-    for step in range(8 + DOUBTED_STEPS):
-        departs = step in (3, 4, 6 + DOUBTED_STEPS)
-        memory.remember(step, {"a": BEGIN, "b": (near[0] - 0.3 * departs, *near[1:3], 0.0)})
-        prediction: Any = SimpleNamespace(solved=True, paths={"b": np.tile(near[:2], (31, 1))})
-        monitor.watch(memory, prediction, EXACT)
-        monitor.must_brake(memory, plan, STANDSTILL, STANDSTILL)
-        counts.append(monitor.interventions)
-    assert counts == [0] * 3 + [1] * (3 + DOUBTED_STEPS) + [2] * 2
