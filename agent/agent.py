@@ -1,14 +1,12 @@
 """Algorithm 1: remember, estimate, predict, plan, act. No input or output, no clock, no thread."""
 
 from dataclasses import dataclass
-from typing import Self
 
 from agent.drive.commands import Driver
-from agent.estimate import GoalsName
 from agent.estimate.goals import known_goal
-from agent.methods import Method, method_of
+from agent.methods import Method
 from agent.remember.perception import Perception
-from agent.solve import ITERATIONS, Clock, Deadline, SolverName, joint_solver
+from agent.solve import Clock
 from agent.telemetry import Telemetry, Thought
 from protocol.messages import Command, Mind, Observation
 from protocol.scene import Goal, Scene
@@ -45,31 +43,6 @@ class Agent:
         self._method = method
         self._driver = Driver(scene, robot)
         self._telemetry = Telemetry(robot, clock)
-
-    @classmethod
-    def of(
-        cls,
-        robot: str,
-        goal: Goal,
-        scene: Scene,
-        *,
-        goals: GoalsName,
-        solver: SolverName,
-        clock: Clock,
-        iterations: int = ITERATIONS,
-        deadline: Deadline | None = None,
-    ) -> Self:
-        """A robot with the method (``agent.methods``) and the solver (``agent.solve``) of these names.
-
-        After the deadline, if there is one, a decision improves its trajectories no further.
-
-        Raises:
-            ValueError: the estimator needs something that the scene does not hold.
-            ModuleNotFoundError: ORCA's library is not installed.
-        """
-        deadline = deadline or Deadline(clock, None)
-        method = method_of(goals, scene, robot, joint_solver(solver, iterations, deadline), deadline)
-        return cls(robot, goal, scene, method, clock)
 
     def decide(self, observation: Observation) -> Decision | None:
         """One turn of algorithm 1.

@@ -7,15 +7,17 @@ from typing import Annotated, Any
 import typer
 from pydantic import Field
 
+from agent.agent import Agent
 from agent.estimate import DEFAULT_GOALS, GoalsName
-from agent.solve import ITERATIONS, SolverName
+from agent.methods import method_of
+from agent.solve import ITERATIONS, Clock, Deadline, SolverName, joint_solver
 from agent.solve.orca import is_available
 from chassis.files import Record, read_as
 from chassis.healthy import HELP as WATCH_PORT_HELP
 from chassis.options import optional
 from chassis.refusal import Refusal
 from protocol.keys import Id, Name, checked_name
-from protocol.scene import MAX_ROBOTS, Goal
+from protocol.scene import MAX_ROBOTS, Goal, Scene
 
 
 def key_name(value: str) -> str:
@@ -97,6 +99,19 @@ class DecisionOptions(Record):
     def budget_s(self) -> float | None:
         """The time that a decision may take, in s; None for no limit."""
         return None if self.budget_ms is None else self.budget_ms / 1000.0
+
+    def agent(
+        self, robot: str, goal: Goal, scene: Scene, clock: Clock, deadline: Deadline | None = None
+    ) -> Agent:
+        """A robot that decides so; after the deadline, that of the budget unless told otherwise, no better.
+
+        Raises:
+            ValueError: the estimator needs something that the scene does not hold.
+            ModuleNotFoundError: ORCA's library is not installed.
+        """
+        deadline = deadline or Deadline(clock, self.budget_s)
+        solver = joint_solver(self.solver, self.iterations, deadline)
+        return Agent(robot, goal, scene, method_of(self.goals, scene, robot, solver, deadline), clock)
 
 
 class RobotOptions(DecisionOptions):

@@ -14,7 +14,6 @@ from agent.process.health import RobotHealth
 from agent.process.inbox import Inbox
 from agent.process.options import RobotOptions
 from agent.process.warm import compile_in_background, warm_up
-from agent.solve import Deadline
 from agent.solve.compiled import forbid_compiling
 from chassis.health import watch_port
 from chassis.lean import structlog
@@ -56,17 +55,7 @@ def make_agent(options: RobotOptions, scene: Scene) -> Agent:
     Raises:
         ValueError: the estimator needs something that the scene does not hold.
     """
-    clock = time.perf_counter
-    return Agent.of(
-        options.robot,
-        options.goal,
-        scene,
-        goals=options.goals,
-        solver=options.solver,
-        clock=clock,
-        iterations=options.iterations,
-        deadline=Deadline(clock, options.budget_s),
-    )
+    return options.agent(options.robot, options.goal, scene, time.perf_counter)
 
 
 def run_robot(options: RobotOptions, make_agent: MakeAgent = make_agent) -> None:

@@ -13,8 +13,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from agent.agent import Agent
 from agent.estimate import GoalsName
+from agent.process.options import DecisionOptions
 from agent.remember.perception import REACQUIRED_AFTER
 from agent.solve import SolverName
 from agent.solve.compiled import FOLDER, is_complete, is_writable, mark_complete, places
@@ -85,7 +85,8 @@ def warm_up(goals: GoalsName, solver: SolverName) -> float:
     """
     begin_s = time.perf_counter()
     scene = Scene(robots=dict.fromkeys(MEETING, PublicRobot()), horizons=HORIZONS, goals=GOALS)
-    agent = Agent.of("1", GOALS["1"], scene, goals=goals, solver=solver, clock=time.perf_counter)
+    options = DecisionOptions(goals=goals, solver=solver)
+    agent = options.agent("1", GOALS["1"], scene, time.perf_counter)
     inputs = TURN.repeat(HORIZONS.estimation_steps + 2, axis=0)
     ways = [rollout(np.array(state), inputs, scene.step_s).tolist() for state in MEETING.values()]
     seen = [

@@ -18,7 +18,6 @@ from chassis.files import Record
 from fleet.audit.recorded import Difference, Part, RecordedRun, compared, too_many
 from fleet.record.experiment import RunFacts
 from fleet.run.listening import obeyed
-from fleet.run.virtual import agent_of
 from protocol.messages import Command, Message, Mind, Observation, Truth, Verdict
 from world.world import World
 
@@ -237,7 +236,7 @@ class RobotReplay:
     def _joins(self, deadline: RepeatedDeadline) -> Agent:
         [public] = self._run.scenes()
         [robot] = [each for each in self._run.scenario.robots if each.id == self.robot]
-        return agent_of(robot, public.scene, self._run.facts, time.perf_counter, deadline)
+        return self._run.facts.agent(robot.id, robot.goal_pose(), public.scene, time.perf_counter, deadline)
 
 
 class RobotAudit(Record):

@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Self
 
-from agent.agent import Agent
+from agent.process.options import DecisionOptions
 from agent.solve.vehicle import Array
 from chassis.files import Record
 from fleet.bench.loops import (
@@ -227,10 +227,9 @@ class DecisionRow(Row):
     @classmethod
     def _of(cls, scenario: Scenario, most: int, progress: Progress) -> Self:
         world, scene = World(scenario, seed=0, epoch=0), scenario.scene(with_goals=False)
+        options = DecisionOptions(goals="ioc")
         agents = {
-            robot.id: Agent.of(
-                robot.id, robot.goal_pose(), scene, goals="ioc", solver="realtime", clock=time.thread_time
-            )
+            robot.id: options.agent(robot.id, robot.goal_pose(), scene, time.thread_time)
             for robot in scenario.robots
         }
         first: list[Array] = []

@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import structlog
 
-from agent.agent import Agent, Decision
+from agent.agent import Decision
 from agent.process.inbox import Inbox
 from agent.process.robot import Decides
 from agent.process.warm import warm_up
-from agent.solve import Clock, Deadline
+from agent.solve import Clock
 from fleet.inject.fault import Fault, Scheduled, of_kind, schedule
 from fleet.inject.link import LINK_FAULTS, Link
 from fleet.inject.mind import MIND_FAULTS, FaultyMind
@@ -97,25 +97,6 @@ def closed_loop(
                 world.advance(judge.answers)
 
 
-def agent_of(robot: ScenarioRobot, scene: Scene, facts: RunFacts, clock: Clock, deadline: Deadline) -> Agent:
-    """A robot of a run, which has not seen anything yet.
-
-    Raises:
-        ValueError: its estimator needs something that the scene does not hold.
-        ModuleNotFoundError: the library of a baseline is not installed here.
-    """
-    return Agent.of(
-        robot.id,
-        robot.goal_pose(),
-        scene,
-        goals=facts.goals,
-        solver=facts.solver,
-        clock=clock,
-        iterations=facts.iterations,
-        deadline=deadline,
-    )
-
-
 class _Robot:
     """A robot in one epoch of the world.
 
@@ -141,7 +122,7 @@ class _Robot:
         def make_mind() -> Decides:
             if of_kind(own, MIND_FAULTS):
                 return FaultyMind(robot.id, robot.goal_pose(), scene, own, facts, clock)
-            return agent_of(robot, scene, facts, clock, Deadline(clock, facts.budget_s))
+            return facts.agent(robot.id, robot.goal_pose(), scene, clock)
 
         self._make_mind = make_mind
         self._begin()

@@ -29,7 +29,7 @@ COMPANY = (
     COUNT
     + """
 import math, time
-from agent.agent import Agent
+from agent.process.options import DecisionOptions
 from agent.solve.compiled import _kernels, forbid_compiling
 from agent.process.warm import warm_up
 from protocol.messages import Observation, State
@@ -41,7 +41,7 @@ GOALS = {r: Goal(x_m=-5 * math.cos(t), y_m=-5 * math.sin(t), heading_rad=0.0) fo
 
 def drive(goals):
     scene = Scene(robots=dict.fromkeys(ROBOTS, PublicRobot()), goals=GOALS)
-    agent = Agent.of("1", GOALS["1"], scene, goals=goals, solver="realtime", clock=time.perf_counter)
+    agent = DecisionOptions(goals=goals).agent("1", GOALS["1"], scene, time.perf_counter)
     for step in range(36):
         count = 1 + step % 12 if step < 24 else 36 - step  # they come one by one, vanish at once, then leave
         states = {

@@ -19,10 +19,10 @@ OPTIONS = {parameter.opts[0]: parameter for parameter in COMMAND.params if param
 NONE = {"–", "none", "required"}
 
 
-def rows(head: str) -> list[list[str]]:
-    """The cells of the table whose first column has this head, row by row."""
-    table = re.search(rf"^\| {head} .*\n(?:\|.*\n)+", PAGE, re.MULTILINE)
-    assert table, head
+def rows() -> list[list[str]]:
+    """The cells of the table of options, row by row."""
+    table = re.search(r"^\| option .*\n(?:\|.*\n)+", PAGE, re.MULTILINE)
+    assert table
     return [[cell.strip() for cell in row.split("|")[1:-1]] for row in table[0].splitlines()[2:]]
 
 
@@ -32,8 +32,8 @@ def code(cell: str) -> str | None:
 
 
 def test_the_table_says_of_every_option_what_is_so() -> None:
-    assert sorted(code(row[0]) or "" for row in rows("option")) == sorted(OPTIONS)
-    for name, environment, in_file, default, _ in rows("option"):
+    assert sorted(code(row[0]) or "" for row in rows()) == sorted(OPTIONS)
+    for name, environment, in_file, default, _ in rows():
         parameter = OPTIONS[code(name) or ""]
         assert code(environment) == parameter.envvar
         assert code(in_file) == (parameter.name if parameter.name in FileOptions.model_fields else None)

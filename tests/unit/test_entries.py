@@ -6,8 +6,6 @@ from types import ModuleType
 
 import pytest
 
-PACKAGES = pytest.mark.parametrize("package", ["agent", "fleet"])
-
 
 class Interrupted(ModuleType):
     """A module during whose import Ctrl-C is pressed."""
@@ -16,11 +14,10 @@ class Interrupted(ModuleType):
         raise KeyboardInterrupt
 
 
-@PACKAGES
+@pytest.mark.parametrize(("package", "entry"), [("agent", "agent"), ("fleet", "fleet.entry")])
 def test_ctrl_c_during_the_imports_ends_quietly(
-    package: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    package: str, entry: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    entry = {"agent": "agent", "fleet": "fleet.entry"}[package]
     monkeypatch.setitem(sys.modules, f"{package}.cli", Interrupted("cli"))
     with pytest.raises(SystemExit) as ended:
         import_module(entry).main()

@@ -8,8 +8,8 @@ import time
 import numpy as np
 
 import agent.process.robot  # what a robot's process imports
-from agent.agent import Agent
 from agent.estimate import DEFAULT_GOALS
+from agent.process.options import DecisionOptions
 from agent.process.warm import warm_up
 from agent.solve.compiled import forbid_compiling
 from agent.solve.vehicle import rollout
@@ -47,7 +47,7 @@ def main() -> None:
     """Compile what a robot needs that is told nothing else, and decide without compiling anything more."""
     compiled_s = warm_up(DEFAULT_GOALS, "realtime")
     forbid_compiling()
-    robot = Agent.of("1", GOAL, SCENE, goals=DEFAULT_GOALS, solver="realtime", clock=time.perf_counter)
+    robot = DecisionOptions().agent("1", GOAL, SCENE, time.perf_counter)
     for observation in observations():
         begin_s = time.perf_counter()
         decision = robot.decide(observation)

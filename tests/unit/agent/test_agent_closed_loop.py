@@ -3,8 +3,8 @@
 import pytest
 from agent_helpers import EPOCH
 
-from agent.agent import Agent
 from agent.estimate import GoalsName
+from agent.process.options import DecisionOptions
 from agent.solve import SolverName
 from protocol.messages import Mind, Truth
 from protocol.scenario import Scenario, Sensing, load_scenario
@@ -21,9 +21,9 @@ def run(
     """The world after so many steps, or at its verdict, and what everybody thought on the way."""
     scene = scenario.scene(with_goals=goals == "exchanged")
     world = World(scenario, seed=seed, epoch=EPOCH)
+    options = DecisionOptions(goals=goals, solver=solver)
     agents = {
-        robot.id: Agent.of(robot.id, robot.goal_pose(), scene, goals=goals, solver=solver, clock=lambda: 0.0)
-        for robot in scenario.robots
+        robot.id: options.agent(robot.id, robot.goal_pose(), scene, lambda: 0.0) for robot in scenario.robots
     }
     minds = []
     while not world.over and world.step < steps:

@@ -14,7 +14,7 @@ from fleet.audit.replay import Audit, Report
 from fleet.interruption import Interruption
 from fleet.record.experiment import Experiment, prepare
 from fleet.record.recording import BusMessage, Recorder
-from fleet.run.virtual import EPOCH, agent_of, simulate
+from fleet.run.virtual import EPOCH, simulate
 from protocol.keys import Keys
 from protocol.messages import Command, Message, PublicScene
 from protocol.scenario import ScenarioRobot
@@ -76,7 +76,7 @@ def as_in_real_time(experiment: Experiment, course: Iterable[Mapping[str, str]])
     said: list[tuple[str, Message]] = [(keys.scene, PublicScene(epoch=EPOCH, scene=scene))]
 
     def new_agent(robot: ScenarioRobot) -> Agent:
-        return agent_of(robot, scene, facts, lambda: 0.0, Deadline(lambda: 0.0, None))
+        return facts.agent(robot.id, robot.goal_pose(), scene, lambda: 0.0, Deadline(lambda: 0.0, None))
 
     def show() -> None:
         said.extend((keys.pose(robot), observation) for robot, observation in world.observations().items())

@@ -6,12 +6,11 @@ import pytest
 import yaml
 
 from agent.process.options import DecisionOptions
-from agent.solve import Deadline
 from chassis.refusal import Refusal
 from fleet.interruption import Interruption
 from fleet.record.experiment import Experiment, prepare
 from fleet.record.recording import KINDS, BusMessage
-from fleet.run.virtual import agent_of, simulate
+from fleet.run.virtual import simulate
 from protocol.keys import Keys
 from scenarios import find
 
@@ -109,7 +108,7 @@ def test_a_robot_decides_on_what_its_own_sensors_see(
     assert seen["1"] != seen["2"], "their sensors are noisy"
     for robot in experiment.scenario.robots:
         scene = experiment.scenario.scene(with_goals=False)
-        agent = agent_of(robot, scene, experiment.facts, lambda: 0.0, Deadline(lambda: 0.0, None))
+        agent = experiment.facts.agent(robot.id, robot.goal_pose(), scene, lambda: 0.0)
         decisions = [agent.decide(observation) for observation in seen[robot.id]]
         assert [decision and decision.command for decision in decisions] == done[robot.id]
 
