@@ -144,6 +144,17 @@ def problem_of(
     )
 
 
+def assert_inputs_within_limits(problem: JointProblem, inputs: Array) -> None:
+    """But for rounding; from previous inputs outside the limits, the first change starts at the limit."""
+    assert inputs.shape == (len(problem.states), problem.steps, 2)
+    bounds = np.array([(each.turn_rate_radps, each.acceleration_mps2) for each in problem.limits])[:, None]
+    rates = np.array([(each.turn_acceleration_radps2, each.jerk_mps3) for each in problem.limits])[:, None]
+    held = problem.previous_inputs[:, None].clip(-bounds, bounds)
+    changes = np.diff(np.concatenate([held, inputs], axis=1), axis=1)
+    assert (np.abs(inputs) <= bounds + 1e-9).all()
+    assert (np.abs(changes) <= STEP_S * rates + 1e-9).all()
+
+
 def cold(problem: JointProblem) -> Start:
     """The preferred start when nothing is known."""
     return cold_starts(problem)[0]

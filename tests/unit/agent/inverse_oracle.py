@@ -1,7 +1,8 @@
-"""Eq. 6 written down and solved in another way: CasADi differentiates eq. 2, public libraries solve it.
+"""Eq. 6 written down and solved in another way: CasADi differentiates eq. 2, PIQP solves it.
 
 Nothing of the estimator is used but the weight with which it prefers near goals. The inputs U are the
-variables here, where the estimator takes headings and speeds.
+variables here, where the estimator takes headings and speeds. What a noisy step was observed to do beside
+the model turns with its heading.
 """
 
 from dataclasses import dataclass
@@ -45,13 +46,6 @@ class DenseProblem:
         return float(sum((each**2).sum() for each in squares))
 
 
-@dataclass(frozen=True)
-class DenseSolution:
-    goal_offset: Array
-    multipliers: Array
-    terminal_multipliers: Array
-
-
 def dense_problem(scene: Scene, tracks: dict[str, Array], robot: str) -> DenseProblem:
     """Eq. 6 of a robot from states (n, 4) of everybody up to the present, its own at least K_E + 1."""
     steps = scene.horizons.estimation_steps
@@ -60,6 +54,9 @@ def dense_problem(scene: Scene, tracks: dict[str, Array], robot: str) -> DensePr
     before = (states[0] - earlier[0])[2:] / STEP_S if len(earlier) else np.zeros(2)
     others = {other: track[-steps - 1 :] for other, track in sorted(tracks.items()) if other != robot}
     limits, area = scene.robot(robot).limits, scene.area
+    headings, speeds = states[:-1, 2:].T
+    directions = np.column_stack([np.cos(headings), np.sin(headings)])
+    noise = np.diff(states[:, :2], axis=0) - STEP_S * speeds[:, None] * directions
     positions, seen = np.zeros((steps, len(others), 2)), np.zeros((steps, len(others)))
     for column, track in enumerate(others.values()):
         first = steps + 1 - len(track)
@@ -68,6 +65,8 @@ def dense_problem(scene: Scene, tracks: dict[str, Array], robot: str) -> DensePr
         np.diff(states[:, 2:], axis=0).T / STEP_S,
         states[-1, :3],
         states[0],
+        headings,
+        noise.T,
         before,
         positions.reshape(steps, -1).T,
         seen.T,
@@ -96,14 +95,17 @@ def dense_problem(scene: Scene, tracks: dict[str, Array], robot: str) -> DensePr
 def _derivatives(steps: int, others: int) -> ca.Function:
     controls, goal = ca.SX.sym("U", 2, steps), ca.SX.sym("L", 3)
     state, before = ca.SX.sym("x", 4), ca.SX.sym("u", 2)
+    headings, noise = ca.SX.sym("observed", steps), ca.SX.sym("noise", 2, steps)
     positions, seen = ca.SX.sym("p", 2 * others, steps), ca.SX.sym("seen", others, steps)
     distances, limits = ca.SX.sym("d", others), ca.SX.sym("limits", 5)
     area, weights = ca.SX.sym("area", 4), ca.SX.sym("Q", 4)
     stages = [state]
     for k in range(steps):
         x, y, heading, speed = ca.vertsplit(stages[-1])
-        moved = (x + STEP_S * speed * ca.cos(heading), y + STEP_S * speed * ca.sin(heading))
-        stages.append(ca.vertcat(*moved, heading + STEP_S * controls[0, k], speed + STEP_S * controls[1, k]))
+        cos, sin = ca.cos(heading - headings[k]), ca.sin(heading - headings[k])
+        x += STEP_S * speed * ca.cos(heading) + cos * noise[0, k] - sin * noise[1, k]
+        y += STEP_S * speed * ca.sin(heading) + sin * noise[0, k] + cos * noise[1, k]
+        stages.append(ca.vertcat(x, y, heading + STEP_S * controls[0, k], speed + STEP_S * controls[1, k]))
     cost = sum(ca.dot(weights, (stage - ca.vertcat(goal, 0)) ** 2) for stage in stages[:-1])
     rows = []
     for k, stage in enumerate(stages[:-1]):
@@ -117,12 +119,25 @@ def _derivatives(steps: int, others: int) -> ca.Function:
     flat, every = ca.vec(controls), ca.vertcat(*rows)
     gradient = ca.gradient(cost, flat)
     outputs = [gradient, ca.jacobian(gradient, goal), every, ca.jacobian(every, flat)]
-    given = [controls, goal, state, before, positions, seen, distances, limits, area, weights]
+    given = [
+        controls,
+        goal,
+        state,
+        headings,
+        noise,
+        before,
+        positions,
+        seen,
+        distances,
+        limits,
+        area,
+        weights,
+    ]
     return ca.Function("eq6", given, [*outputs, ca.jacobian(stages[-1], flat)])
 
 
-def solve_dense(problem: DenseProblem, library: str) -> DenseSolution:
-    """Solve eq. 6 by a public QP library through CasADi: ``piqp`` or ``daqp``.
+def solve_dense(problem: DenseProblem) -> tuple[Array, Array, Array]:
+    """L, λ and ν by a public QP library.
 
     The variables are L, λ, ν and the products λ_kᵀ C_k, which keep the objective diagonal.
     """
@@ -147,16 +162,13 @@ def solve_dense(problem: DenseProblem, library: str) -> DenseSolution:
     lowest[3 : 3 + count] = 0.0
     rows = ca.sparsify(ca.DM(equations))
     structure = {"h": ca.Sparsity.diag(len(weights)), "a": rows.sparsity()}
-    solver = ca.conic("oracle", library, structure, OPTIONS[library])
+    solver = ca.conic("oracle", "piqp", structure, OPTIONS)
     result = solver(h=ca.diag(2.0 * weights), a=rows, lba=right, uba=right, lbx=lowest)
     goal_offset, multipliers, terminal_multipliers, _ = np.split(
         result["x"].full().ravel(), np.cumsum([3, count, 4])
     )
-    return DenseSolution(goal_offset, multipliers.reshape(steps, each), terminal_multipliers)
+    return goal_offset, multipliers.reshape(steps, each), terminal_multipliers
 
 
-OPTIONS = {
-    "piqp": {"piqp": {"eps_abs": 1e-12, "eps_rel": 1e-12, "eps_duality_gap_abs": 1e-14}},
-    "daqp": {},
-}
+OPTIONS = {"piqp": {"eps_abs": 1e-12, "eps_rel": 1e-12, "eps_duality_gap_abs": 1e-14}}
 """Tighter than usual: W is so small that the usual accuracy leaves goals vague."""

@@ -1,7 +1,6 @@
 """The baselines: others predicted alone, and reciprocal collision avoidance by a differential drive."""
 
 import math
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -23,7 +22,7 @@ from hypothesis import strategies as st
 from test_agent_closed_loop import run
 from test_prediction_and_planning import advance, assert_same_starts
 
-from agent.estimate import ESTIMATORS, GoalsName
+from agent.estimate import GoalsName
 from agent.methods import method_of
 from agent.process import options
 from agent.remember.perception import REACQUIRED_AFTER
@@ -33,7 +32,7 @@ from agent.solve.planning import Planner
 from agent.solve.prediction import Prediction
 from protocol.scenario import Pose, Scenario, ScenarioRobot
 from protocol.scene import Goal
-from protocol.vehicle import STANDSTILL, Input, Limits
+from protocol.vehicle import STANDSTILL, Limits
 
 ALONE: tuple[GoalsName, ...] = ("constant-acceleration-alone", "constant-velocity")
 BASELINES: tuple[GoalsName, ...] = (*ALONE, "orca")
@@ -51,15 +50,6 @@ def predicted(goals: GoalsName, other: tuple[float, ...], driven: tuple[float, f
     return method.predictor.predict(memory, {}, ())
 
 
-def orca() -> OrcaPlanner:
-    scene = scene_of("ab")
-    return OrcaPlanner(scene, "a", Planner(scene, "a", SOLVERS["realtime"], NEVER))
-
-
-def test_every_name_is_that_of_an_estimator_or_of_a_baseline():
-    assert {*get_args(GoalsName)} == {*ESTIMATORS, *BASELINES}
-
-
 @pytest.mark.parametrize("goals", ["constant-velocity", "orca"])
 def test_at_constant_velocity_a_robot_goes_on_along_its_heading_however_it_turned(goals):
     path = predicted(goals, (1.0, 2.0, 0.5, -1.2), (0.3, 1.0)).paths["b"]
@@ -67,18 +57,6 @@ def test_at_constant_velocity_a_robot_goes_on_along_its_heading_however_it_turne
     way = STEP_S * start[3] * np.arange(31)
     np.testing.assert_allclose(path[:, 0], start[0] + way * math.cos(0.53), atol=1e-12)
     np.testing.assert_allclose(path[:, 1], start[1] + way * math.sin(0.53), atol=1e-12)
-
-
-def test_at_constant_acceleration_alone_a_robot_speeds_up_to_its_limits_and_out_of_the_area():
-    """From 1 m/s with 0.5 m/s²: 0.7 m/s² more a step up to 3 m/s², until 4.5 m/s."""
-    path = predicted("constant-acceleration-alone", (8.0, -2.0, 0.4, 0.95), (0.0, 0.5)).paths["b"]
-    accelerations = np.minimum(0.5 + 0.7 * np.arange(1, 30), 3.0)
-    speeds = np.minimum(1.0 + STEP_S * np.cumsum(accelerations), 4.5)
-    way = STEP_S * np.cumsum([0.95, 1.0, *speeds])
-    along = (path - (8.0, -2.0)) @ (math.cos(0.4), math.sin(0.4))
-    np.testing.assert_allclose(along, way, atol=1e-9)
-    np.testing.assert_allclose((path - (8.0, -2.0)) @ (-math.sin(0.4), math.cos(0.4)), 0.0, atol=1e-9)
-    assert path[-1, 0] > 10.0
 
 
 @pytest.mark.parametrize("goals", ALONE)
@@ -96,7 +74,7 @@ def test_the_others_are_predicted_alone_and_the_ego_plans_around_them_to_its_tru
     assert mind.plan[-1][0] > -1.4, "as far as two robots in its way let it"
 
 
-def test_without_a_self_prediction_a_plan_starts_cold_and_then_from_the_last_one_a_step_on():
+def test_without_a_self_prediction_a_plan_starts_from_the_last_one_a_step_on_if_there_is_one():
     scene, solver = scene_of("ab"), Watched()
     memory = remembered({"a": np.array([EGO]), "b": np.array([(0.0, 0.3, math.pi, 0.5)])})
     _, predictor, planner, _ = method_of("constant-velocity", scene, "a", solver, NEVER)
@@ -111,15 +89,9 @@ def test_without_a_self_prediction_a_plan_starts_cold_and_then_from_the_last_one
     assert_same_starts([start for _, start in cold], cold_starts(cold[0][0]))
     assert warm.warm
     np.testing.assert_array_equal(warm.inputs[0], [*plans[0].inputs[1:], STRAIGHT])
-
-
-def test_after_a_failed_plan_the_next_one_starts_cold():
-    scene, solver = scene_of("a"), Watched()
-    memory = remembered({"a": np.array([EGO])})
-    _, predictor, planner, _ = method_of("constant-velocity", scene, "a", solver, NEVER)
-    for solver.fails in (set(), {"predict"}, set()):
+    for solver.fails in ({"plan"}, set()):
         asked = len(solver.asked)
-        planner.plan(memory, np.array([4.0, 0.0, 0.0, 0.0]), STANDSTILL, predictor.predict(memory, {}, ()))
+        planner.plan(memory, goal, STANDSTILL, predictor.predict(memory, {}, ()))
     assert not solver.asked[asked][1].warm
 
 
@@ -127,35 +99,27 @@ poses = st.tuples(*[st.floats(-3.0, 3.0)] * 3, st.floats(-2.0, 2.0))
 
 
 @settings(max_examples=20)
-@given(st.lists(poses, min_size=1, max_size=15))
-def test_orca_s_velocity_is_that_of_the_library_s_own_defaults_in_the_world_s_frame(states):
+@given(st.lists(poses, max_size=15), st.sampled_from([0.4, 4.5]))
+def test_orca_s_velocity_is_that_of_the_library_s_own_defaults_in_the_world_s_frame(states, top_speed):
     """Set up by defaults and setters instead, for an ego at the origin; also where robots coincide."""
     from pyrvo import RVOSimulator
 
     robots = "abcdefghijklmnop"
     tracks = dict(zip(robots, np.array([(0.0, 0.0, 0.7, 1.0), *states])[:, None], strict=False))
     memory = remembered(tracks)
-    simulator = RVOSimulator(STEP_S, 1e3, 15, HORIZON_S, HORIZON_S, 0.695, 4.5)
+    simulator = RVOSimulator(STEP_S, 1e3, 15, HORIZON_S, HORIZON_S, 0.695, top_speed)
     for index, ((x, y, heading, speed),) in enumerate(tracks.values()):
         simulator.add_agent((x, y))
         simulator.set_agent_velocity(index, (speed * math.cos(heading), speed * math.sin(heading)))
     direction = math.atan2(-3.0, 4.0) + LEAN_RAD
-    preferred = PREFERRED_SPEED_MPS * np.array([math.cos(direction), math.sin(direction)])
+    preferred = min(PREFERRED_SPEED_MPS, top_speed) * np.array([math.cos(direction), math.sin(direction)])
     simulator.set_agent_pref_velocity(0, tuple(preferred.tolist()))
     simulator.do_step()
-    velocity = orca().velocity(memory, np.array([4.0, -3.0, 0.0, 0.0]))
+    scene = scene_of("ab", limits=Limits(speed_mps=top_speed))
+    planner = OrcaPlanner(scene, "a", Planner(scene, "a", SOLVERS["realtime"], NEVER))
+    velocity = planner.velocity(memory, np.array([4.0, -3.0, 0.0, 0.0]))
     assert np.isfinite(velocity).all()
     np.testing.assert_allclose(velocity, simulator.get_agent_velocity(0).to_tuple(), atol=1e-6)
-
-
-def test_alone_the_preferred_velocity_is_taken_and_no_robot_is_asked_for_more_than_its_top_speed():
-    memory = remembered({"a": np.array([EGO])})
-    goal = np.array([4.0, 0.0, 0.0, 0.0])
-    expected = np.array([math.cos(LEAN_RAD), math.sin(LEAN_RAD)])
-    np.testing.assert_allclose(orca().velocity(memory, goal), PREFERRED_SPEED_MPS * expected, atol=1e-6)
-    slow = scene_of("a", limits=Limits(speed_mps=0.4))
-    planner = OrcaPlanner(slow, "a", Planner(slow, "a", SOLVERS["realtime"], NEVER))
-    np.testing.assert_allclose(planner.velocity(memory, goal), 0.4 * expected, atol=1e-6)
 
 
 @settings(max_examples=20)
@@ -175,12 +139,6 @@ def test_a_velocity_is_reached_within_the_limits_and_without_turning_too_far(hea
         assert -1e-6 <= turned <= abs(offset) + 1e-6
     assert turned == pytest.approx(abs(offset), abs=1e-6)
     assert state[3] == pytest.approx(size, abs=1e-3)
-
-
-def test_a_velocity_of_nearly_nothing_turns_nobody():
-    state = np.array([0.0, 0.0, 0.0, 1.0])
-    control = tracking_input(np.array([0.0, 0.04]), state, Limits(), STANDSTILL, STEP_S)
-    assert control == pytest.approx(Input(0.0, -0.7))
 
 
 def test_orca_plans_one_step_and_says_nothing_for_the_one_after():

@@ -255,34 +255,21 @@ def test_the_response_to_a_shifted_goal_is_that_of_finite_differences(robots, se
 
 
 @settings(max_examples=20)
-@given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(1, 6))
-def test_a_gauss_newton_step_solves_the_least_squares_problem(seed, robots, length):
-    """Against numpy's least squares on the residuals written out."""
+@given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(1, 6), st.sampled_from([1e-2, 10.0]))
+def test_a_gauss_newton_step_solves_the_least_squares_problem(seed, robots, length, far):
+    """Against numpy's least squares on the residuals written out; no goal moves further than LONGEST_M."""
     random = np.random.default_rng(seed)
     by_goal = random.normal(size=(2 * robots, robots, length, 4))
-    missing = 1e-2 * random.normal(size=(robots, length, 4)) * SIGMAS
+    missing = far * random.normal(size=(robots, length, 4)) * SIGMAS
     root = random.normal(size=(2 * robots, 2 * robots)) + 4.0 * np.eye(2 * robots)
     prior = random.normal(size=(robots, 2))
     found, covariance = gauss_newton(prior, root.T @ root, by_goal, missing)
     rows = np.concatenate([(by_goal / SIGMAS).reshape(2 * robots, -1).T, root])
     right = np.concatenate([(missing / SIGMAS).ravel(), np.zeros(2 * robots)])
-    expected = np.linalg.lstsq(rows, right, rcond=None)[0]
-    np.testing.assert_allclose(found - prior, expected.reshape(-1, 2), atol=1e-8)
+    expected = np.linalg.lstsq(rows, right, rcond=None)[0].reshape(-1, 2)
+    expected *= np.minimum(1.0, LONGEST_M / np.linalg.norm(expected, axis=1, keepdims=True))
+    np.testing.assert_allclose(found - prior, expected, atol=1e-8)
     np.testing.assert_allclose(covariance, np.linalg.inv(rows.T @ rows), rtol=1e-6, atol=1e-9)
-
-
-def test_a_goal_moves_no_further_at_once_than_derivatives_hold():
-    by_goal = np.zeros((4, 2, 1, 4))
-    by_goal[0, 0, 0, 0] = 1.0
-    missing = np.zeros((2, 1, 4))
-    missing[0, 0, 0] = 50.0
-    found, _ = gauss_newton(np.zeros((2, 2)), 1e-3 * np.eye(4), by_goal, missing)
-    np.testing.assert_allclose(found, [[LONGEST_M, 0.0], [0.0, 0.0]], atol=1e-9)
-
-
-def test_a_robot_alone_is_understood_too():
-    states, goals = followed(1, 5, 30)
-    assert errors_m(JointFit(scene_of("0")), states, goals)[25:].max() < 0.5
 
 
 def test_the_window_holds_what_was_seen_and_the_inputs_that_lead_through_it():
@@ -299,15 +286,6 @@ def test_the_window_holds_what_was_seen_and_the_inputs_that_lead_through_it():
     assert window.before[1] == (0.0, 0.0), "before it was seen"
 
 
-@pytest.mark.parametrize(("seen", "prediction_steps", "explained"), [(40, 30, 12), (40, 4, 4), (2, 30, None)])
-def test_a_window_is_no_longer_than_what_was_seen_and_what_a_problem_goes_ahead(
-    seen, prediction_steps, explained
-):
-    scene = scene_of("a", horizons=Horizons(prediction_steps=prediction_steps))
-    window = window_of(remembered({"a": np.zeros((seen, 4))}), ["a"], scene)
-    assert (window and window.states.shape[1]) == explained
-
-
 seeds = st.integers(0, 2**32 - 1)
 sizes = st.integers(1, 8)
 
@@ -319,35 +297,20 @@ def gaussian(random: np.random.Generator, size: int) -> tuple[Array, Array]:
 
 @settings(max_examples=15)
 @given(seeds, sizes, sizes)
-def test_of_a_linear_measurement_it_is_the_kalman_filter(seed, size, measured):
+def test_of_a_bent_measurement_the_filter_is_that_of_filterpy(seed, size, measured):
     random = np.random.default_rng(seed)
     mean, covariance = gaussian(random, size)
-    matrix, offset = random.normal(size=(measured, size)), random.normal(size=measured)
-    observed, variances = random.normal(size=measured), random.uniform(0.1, 2.0, measured)
-    points = sigma_points(mean, covariance)
-    found, left = updated(points, points @ matrix.T + offset, observed, variances)
-    information = np.linalg.inv(covariance) + matrix.T / variances @ matrix
-    right = np.linalg.solve(covariance, mean) + matrix.T / variances @ (observed - offset)
-    np.testing.assert_allclose(found, np.linalg.solve(information, right), rtol=1e-5, atol=1e-6)
-    np.testing.assert_allclose(left, np.linalg.inv(information), rtol=1e-5, atol=1e-6)
-
-
-@settings(max_examples=15)
-@given(seeds, sizes)
-def test_of_a_bent_measurement_it_is_that_of_filterpy(seed, size):
-    random = np.random.default_rng(seed)
-    mean, covariance = gaussian(random, size)
-    matrix = random.normal(size=(size, size))
+    matrix = random.normal(size=(measured, size))
 
     def measure(state: Array) -> Array:
-        return np.tanh(matrix @ state) + 0.1 * state**2
+        return np.tanh(matrix @ state) + 0.1 * (matrix @ state) ** 2
 
-    observed, variances = random.normal(size=size), random.uniform(0.1, 2.0, size)
+    observed, variances = random.normal(size=measured), random.uniform(0.1, 2.0, measured)
     points = sigma_points(mean, covariance)
     found, left = updated(points, np.array([measure(point) for point in points]), observed, variances)
     library = UnscentedKalmanFilter(
         size,
-        size,
+        measured,
         dt=1.0,
         hx=measure,
         fx=lambda state, _: state,
@@ -358,13 +321,4 @@ def test_of_a_bent_measurement_it_is_that_of_filterpy(seed, size):
     library.update(observed, R=np.diag(variances))
     np.testing.assert_allclose(found, library.x, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(left, library.P, rtol=1e-6, atol=1e-6)
-
-
-@settings(max_examples=15)
-@given(seeds, sizes)
-def test_the_covariance_stays_positive_semidefinite_whatever_is_measured(seed, size):
-    random = np.random.default_rng(seed)
-    points = sigma_points(*gaussian(random, size))
-    images = 10.0 * random.normal(size=(len(points), 3))
-    _, left = updated(points, images, random.normal(size=3), np.full(3, 1e-3))
     assert np.linalg.eigvalsh(left).min() > -1e-6 * np.linalg.eigvalsh(left).max()

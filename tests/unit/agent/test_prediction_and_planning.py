@@ -124,7 +124,7 @@ def test_parked_robots_stand_in_one_order_however_they_are_named():
     np.testing.assert_array_equal(paths[0]["a"], paths[1]["a"])
 
 
-def test_the_first_prediction_starts_cold_and_each_further_one_from_the_last_a_step_on():
+def test_the_first_prediction_and_that_after_a_failed_one_start_cold_the_others_from_the_last_a_step_on():
     solver, memory = Watched(), memory_of("ab")
     predictor = Predictor(scene_of("ab"), solver, NEVER)
     first = predictor.predict(memory, GOALS, ())
@@ -138,20 +138,10 @@ def test_the_first_prediction_starts_cold_and_each_further_one_from_the_last_a_s
         np.testing.assert_array_equal(warm.forces[row], [*first.starts[robot].forces[0, 1:], (0.0, 0.0)])
         limit_multipliers = first.starts[robot].limit_multipliers[0]
         np.testing.assert_array_equal(warm.limit_multipliers[row], [*limit_multipliers[1:], np.zeros(5)])
-
-
-def test_after_a_failed_prediction_the_next_one_starts_cold():
-    solver, memory = Watched(), memory_of("ab")
-    predictor = Predictor(scene_of("ab"), solver, NEVER)
-    predictor.predict(memory, GOALS, ())
-    solver.fails = {"predict"}
-    failed = predictor.predict(memory, GOALS, ())
-    assert not failed.solved
-    solver.fails = set()
-    solver.asked.clear()
-    predictor.predict(memory, GOALS, ())
-    problem = solver.asked[0][0]
-    assert_same_starts([start for _, start in solver.asked], cold_starts(problem))
+    for solver.fails, solved in (({"predict"}, False), (set(), True)):
+        solver.asked.clear()
+        assert predictor.predict(memory, GOALS, ()).solved == solved
+    assert_same_starts([start for _, start in solver.asked], cold_starts(solver.asked[0][0]))
 
 
 def test_robots_that_appear_start_cold_and_those_that_stay_start_warm():

@@ -149,15 +149,6 @@ def distances(estimator: type[GoalEstimator], tracks: dict[str, np.ndarray]) -> 
     return np.linalg.norm(found - published()["ioc_goal_estimates_at_1_6_s"], axis=1)
 
 
-def test_the_reconstructed_states_drive_through_the_published_positions(tracks):
-    for track, positions in zip(tracks.values(), published()["ioc_trace_until_1_6_s"], strict=True):
-        assert len(track) == 16
-        assert track[0, 3] == pytest.approx(0.0, abs=1e-9)
-        directions = np.column_stack([np.cos(track[:, 2]), np.sin(track[:, 2])])
-        driven = track[0, :2] + STEP_S * np.cumsum(track[:-1, 3:] * directions[:-1], axis=0)
-        np.testing.assert_allclose(driven, positions[1:], atol=1e-9)
-
-
 def test_estimates_lie_near_the_published_ones_and_nearest_from_their_own_window(tracks):
     """And ten times nearer than those of constant acceleration."""
     from_rows = distances(InverseOptimalControl, tracks)

@@ -73,7 +73,7 @@ def random_program(random: np.random.Generator, robots: int, steps: int, rows: i
         ),
         forces=random.normal(scale=10.0, size=(robots, steps + 1, 2)),
         penalty=10.0 ** random.uniform(1.0, 4.0),
-        step_s=STEP_S,
+        step_s=random.choice([0.02, 0.1, 0.5]),
     )
 
 

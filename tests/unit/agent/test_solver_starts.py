@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from agent_helpers import NEVER, SOLVERS, STEP_S, cold, problem_of
+from agent_helpers import NEVER, SOLVERS, STEP_S, assert_inputs_within_limits, cold, problem_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -44,16 +44,6 @@ def driving(draw: st.DrawFn) -> JointProblem:
         (draw(shares) * each.turn_rate_radps, draw(shares) * each.acceleration_mps2) for each in allowed
     ]
     return replace(problem_of(states, np.zeros((count, 4)), previous=previous), limits=allowed)
-
-
-def assert_inputs_within_limits(problem: JointProblem, inputs: np.ndarray) -> None:
-    assert inputs.shape == (len(problem.states), problem.steps, 2)
-    for robot, allowed in enumerate(problem.limits):
-        bounds = (allowed.turn_rate_radps, allowed.acceleration_mps2)
-        rates = np.array([allowed.turn_acceleration_radps2, allowed.jerk_mps3]) * STEP_S
-        changes = np.diff(np.vstack([problem.previous_inputs[robot], inputs[robot]]), axis=0)
-        assert (np.abs(inputs[robot]) <= np.array(bounds) + ROUNDING).all()
-        assert (np.abs(changes) <= rates + ROUNDING).all()
 
 
 @settings(max_examples=20)
@@ -186,21 +176,6 @@ def test_after_the_deadline_no_further_start_is_tried_but_the_first_one_always_i
     deadline.begin()
     assert chosen(answers, deadline) == 1
     assert chosen(answers, deadline) == 0
-
-
-def head_on() -> JointProblem:
-    return problem_of(
-        [(-3.0, 0.0, 0.0, 0.0), (3.0, 0.0, math.pi, 0.0)], [(3.0, 0.0, 0.0, 0.0), (-3.0, 0.0, math.pi, 0.0)]
-    )
-
-
-def test_robots_that_stop_face_to_face_are_deadlocked_and_robots_that_pass_are_not():
-    problem = head_on()
-    leaning, _, _, straight = (SOLVERS["realtime"].solve(problem, start) for start in cold_starts(problem))
-    assert straight.solved
-    assert straight.states[0, -1, 0] < 0.0 < straight.states[1, -1, 0]
-    assert is_deadlock(problem, straight)
-    assert not is_deadlock(problem, leaning)
 
 
 def test_robots_that_stand_for_another_reason_are_not_deadlocked():
