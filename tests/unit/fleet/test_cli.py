@@ -132,7 +132,7 @@ def test_a_simulation_keeps_which_solver_it_used_and_how(monkeypatch: pytest.Mon
         given.append((name, iterations))
         return original(name, iterations, deadline)
 
-    monkeypatch.setattr("agent.agent.joint_solver", noted)
+    monkeypatch.setattr("agent.process.options.joint_solver", noted)
     path = scenario(ALONE, time_limit_s=0.1)
     unspoken("simulate", path, "--iterations", 5, "--out", "out")
     assert given[-1] == ("realtime", 5)
