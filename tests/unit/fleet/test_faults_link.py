@@ -4,12 +4,26 @@ import math
 from typing import Any
 
 import pytest
-from faults_helpers import EPOCH, arrived, command, due, fault, faults_of, given, link, observation, shown
+from faults_helpers import (
+    EPOCH,
+    SCENE,
+    STEP_S,
+    arrived,
+    command,
+    due,
+    fault,
+    faults_of,
+    given,
+    link,
+    observation,
+    parsed,
+    shown,
+)
 from hypothesis import given as given_any
 from hypothesis import strategies as st
 
-from fleet.inject.fault import KINDS
-from fleet.inject.link import LINK_FAULTS
+from fleet.inject.fault import KINDS, schedule
+from fleet.inject.link import LINK_FAULTS, Link
 from protocol.codec import MessageError, encode
 from protocol.messages import Command, Observation, State
 from protocol.scene import PublicRobot, Scene
@@ -84,14 +98,15 @@ def test_observations_come_in_the_order_that_a_fault_gives_them(
 
 
 def test_a_stuck_robot_stays_in_view_where_it_was_at_the_beginning() -> None:
-    stuck = fault("stuck", seen=2, start_s=0.2, duration_s=0.3)
-    over, there = link(stuck), observation(2).robots["2"]
+    stuck = schedule(parsed(fault("stuck", seen=2, start_s=0.2, duration_s=0.3)), seed=0, step_s=STEP_S)
+    over, other, own = (Link(stuck, robot, SCENE) for robot in "112")
+    there = observation(2).robots["2"]
     for step in range(7):
         unseen = {"1": observation(step).robots["1"]} if step == 4 else observation(step).robots
         seen = arrived(over, observation(step, robots=unseen)).only
         assert seen.robots["2"] == (there if 2 <= step < 5 else observation(step).robots["2"])
-    assert arrived(link(stuck), observation(4)).only == observation(4), "another link keeps nothing of it"
-    assert [each.only for each in shown(link(stuck, robot="2"), 3)] == list(map(observation, range(3)))
+    assert arrived(other, observation(4)).only == observation(4), "another link keeps nothing of it"
+    assert [each.only for each in shown(own, 3)] == list(map(observation, range(3)))
 
 
 def test_a_ghost_goes_straight_on_from_its_place() -> None:
@@ -165,6 +180,12 @@ def test_a_delayed_command_comes_later_and_is_withheld_meanwhile() -> None:
     assert [late for late, _ in came] == [[], [], [command(0)], [command(1)], []]
     assert [now for _, now in came[:2]] == [[Command.withheld_at(EPOCH, "1", step)] for step in (0, 1)]
     assert [now for _, now in came[2:]] == [[command(step)] for step in (2, 3, 4)]
+
+
+def test_a_command_that_is_delayed_and_lost_does_not_come() -> None:
+    over = link(fault("command-delay", steps=2), fault("command-loss", rate=1.0))
+    assert given(over, command(0)) == [Command.withheld_at(EPOCH, "1", 0)]
+    assert due(over, 5) == []
 
 
 def test_a_duplicated_command_comes_twice() -> None:
