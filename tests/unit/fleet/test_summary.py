@@ -168,7 +168,7 @@ PAIR = (("1", "2"),)
         ((5.0, 5.4), "arrived", (), "Both robots arrived after 5.4 s without collision; "),
         ((5.0, 5.4), "arrived", PAIR, "Both robots arrived after 5.4 s, but 1 pair of robots collided; "),
         ((5.0, None, None), "deadlock", (), "Deadlock after 5.4 s: robots 2 and 3 never arrived; "),
-        ((5.0, None), None, (), "Interrupted after 5.4 s: 1 of 2 robots had not arrived; "),
+        ((5.0, None), None, (), "Interrupted after 5.4 s: robot 2 had not arrived; "),
     ],
 )
 def test_the_verdict_is_a_plain_sentence(arrived_s: Any, verdict: Any, collisions: Any, line: str) -> None:
