@@ -16,6 +16,7 @@ ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 OPTION = re.compile(r"--[a-z][a-z-]*")
+PATH = re.compile(r"`((?:agent|chassis|deploy|docs|fleet|protocol|scenarios|tests|world)/[\w./-]+)`")
 
 # In parts, so that this file does not hold what it looks for.
 REGISTRY_HOSTS = [
@@ -85,3 +86,9 @@ def test_the_commands_and_options_that_a_document_names_exist(document):
         command = words[: 2 if words[:1] in (["scenarios"], ["keys"], ["bridge"]) else 1]
         options = set(OPTION.findall(" ".join(words[len(command) :])))
         assert options <= set(OPTION.findall(help_of(*command))), words
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_the_files_that_a_document_names_are_there(document):
+    named = set(PATH.findall(document.read_text())) - {"fleet/NAME/command.py"}
+    assert {name for name in named if not (ROOT / name).exists()} == set()
