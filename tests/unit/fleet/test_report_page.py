@@ -109,6 +109,7 @@ def test_levels_of_noise_stand_beside_one_another(out: Path):
 
 def test_an_unfinished_evaluation_is_reported_as_far_as_it_is(out: Path):
     data = write_evaluation(out, STEMS, figures, goals=METHODS, missing=4)
+    assert unspoken_report(out, "--against", "psychic").exit_code == 2
     result = unspoken_report(out, "--worst", 0, "--against", "ioc")
     assert result.exit_code == 0
     told = "Unfinished: 4 of 15 runs are missing (exchanged: 1, ioc: 1, joint-fit: 2)"
