@@ -40,7 +40,7 @@ class Driver:
         Where the plan is not to be followed, the thought is told why.
         """
         self.monitor.watch(memory, thought.prediction, observation.accuracy)
-        is_blind = self._vigilance.is_blind(memory, observation.age_steps)
+        is_blind = self._vigilance.look(memory, observation.age_steps)
         speed_mps = float(memory.state(self._robot)[3])
         inputs, thought.emergency = self._inputs(memory, previous, speed_mps, thought, is_blind)
         command = Command(

@@ -130,10 +130,11 @@ class Vigilance:
         self._last: dict[str, tuple[int, Array]] = {}
         """Of everybody seen lately, the step and the state."""
 
-    def is_blind(self, memory: Memory, age_steps: int = 0) -> bool:
-        """Whether somebody not seen for long could be in the way, so that the robot has to stop.
+    def look(self, memory: Memory, age_steps: int = 0) -> bool:
+        """Take in who was seen, once a step; in a view of an age, who was seen so long ago is seen.
 
-        To be asked once a step. In a view of an age, who was seen so long ago is seen.
+        Returns:
+            Whether somebody not seen for long could be in the way, so that the robot has to stop.
         """
         step = memory.step
         for robot in memory.robots:

@@ -30,7 +30,7 @@ class Watch:
     def sees(self, step: int, other: Place | None) -> bool:
         """Whether it is to stop."""
         self.memory.remember(step, {"a": OWN} if other is None else {"a": OWN, "b": other})
-        return self.vigilance.is_blind(self.memory)
+        return self.vigilance.look(self.memory)
 
     def loses(self, other: Place, steps: int) -> list[bool]:
         """After some steps, from each step without the other robot: whether it is to stop."""
@@ -65,7 +65,7 @@ def test_a_late_view_that_says_so_is_seen():
     late = BLIND_STEPS + 2
     for step in range(3 * late):
         memory.remember(step, {"a": OWN, "b": (*BESIDE[:3], 0.0)}, age_steps=min(step, late))
-        assert not vigilance.is_blind(memory, min(step, late))
+        assert not vigilance.look(memory, min(step, late))
     for gone in range(1, BLIND_STEPS + 2):
         memory.remember(3 * late + gone - 1, {"a": OWN}, age_steps=late)
-        assert vigilance.is_blind(memory, late) == (gone > BLIND_STEPS)
+        assert vigilance.look(memory, late) == (gone > BLIND_STEPS)
