@@ -73,8 +73,6 @@ class InverseSolution(NamedTuple):
     """λ, shape (K, n)."""
     terminal_multipliers: Array
     """ν, shape (4,)."""
-    stationarity_multipliers: Array
-    """y, shape (2K,)."""
     solved: bool
 
 
@@ -204,7 +202,7 @@ def solve_inverse(problem: InverseProblem, iterations: int) -> InverseSolution:
         left *= 1.0 - step
     y *= scale
     end = -0.5 * (terminal * y).sum(axis=1)
-    return InverseSolution(goal * scale, multipliers * scale, end, y[:size].copy(), solved)
+    return InverseSolution(goal * scale, multipliers * scale, end, solved)
 
 
 @kernel

@@ -249,7 +249,7 @@ class RunRow(Row):
         )
 
     def lines(self) -> Iterable[Iterable[Cell]]:
-        """Wall-clock time alone."""
+        """Without what the verdict says already."""
         shown = dict(self)
         del shown["collisions"], shown["not_arrived"]
         yield shown.values()
