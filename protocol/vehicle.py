@@ -84,6 +84,23 @@ def settling_rate(way: float, change: float) -> float:
     return math.copysign(size, way)
 
 
+def stopping_time_s(limits: Limits) -> float:
+    """What braking from full speed to a standstill takes, steadily driven before: in s, without the Δt.
+
+    The acceleration goes to its limit and back to zero, each as fast as the jerk limit lets it; it does not
+    get there where the speed is gone before.
+    """
+    speed, acceleration, jerk = limits.speed_mps, limits.acceleration_mps2, limits.jerk_mps3
+    if speed < acceleration**2 / jerk:
+        return 2.0 * math.sqrt(speed / jerk)
+    return speed / acceleration + acceleration / jerk
+
+
+def stopping_distance_m(limits: Limits) -> float:
+    """The way of ``stopping_time_s``, in m: speeds mirror each other around half the full one."""
+    return limits.speed_mps * stopping_time_s(limits) / 2.0
+
+
 def wrap_angle(angle_rad: float) -> float:
     """The same angle in [−π, π]."""
     return math.remainder(angle_rad, math.tau)

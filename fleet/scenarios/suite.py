@@ -11,6 +11,7 @@ import numpy as np
 from chassis.files import new_directory
 from chassis.refusal import Refusal
 from fleet.inject.scenario import Scenario, load_scenario
+from fleet.scenarios.wild import wild, wild_noisy
 from protocol.scenario import Pose, ScenarioRobot, scenario_text
 from protocol.scene import Area
 from protocol.vehicle import Limits
@@ -27,7 +28,9 @@ TRIES = 10_000
 
 Point = tuple[float, float]
 Way = tuple[Point, Point]
-FamilyName = Literal["perimeter", "circle", "random", "corridor", "intersection", "heterogeneous"]
+FamilyName = Literal[
+    "perimeter", "circle", "random", "corridor", "intersection", "heterogeneous", "wild", "wild-noisy"
+]
 
 
 def perimeter(robots: int, random: np.random.Generator) -> Scenario:
@@ -123,6 +126,8 @@ FAMILIES: dict[FamilyName, Callable[[int, np.random.Generator], Scenario]] = {
     "corridor": corridor,
     "intersection": intersection,
     "heterogeneous": heterogeneous,
+    "wild": wild,
+    "wild-noisy": wild_noisy,
 }
 """What makes a scenario for a number of robots, drawn from a generator alone, by what ``--family`` takes."""
 

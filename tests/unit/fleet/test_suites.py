@@ -161,7 +161,7 @@ def for_any(*families: FamilyName):
     return lambda test: settings(max_examples=5 * len(families))(given(scenarios())(test))
 
 
-@for_any(*FAMILIES)
+@for_any(*(family for family in FAMILIES if not family.startswith("wild")))  # which test_wild.py tests
 def test_scenarios_are_valid_and_nobody_starts_or_parks_too_near_to_others_or_to_the_border(
     scenario: Scenario,
 ) -> None:
