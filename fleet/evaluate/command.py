@@ -113,6 +113,8 @@ def evaluate(
     directory = out or Path("runs") / f"evaluation-{loaded.name}-{datetime.now():%Y%m%d-%H%M%S}"
     total = sum(1 for _ in evaluation.runs())
     with open_results(directory, evaluation) as results, Interruption() as interruption:
+        for warning in evaluation.warnings():
+            typer.echo(f"Warning: {warning}.", err=True)
         try:
             _make_missing(evaluation, results, workers or CORES, dask, interruption)
         except KeyboardInterrupt:

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field, ValidationError, field_serializer
 from agent.estimate import GoalsName
 from agent.solve import SolverName
 from chassis.files import Record
-from fleet.inject.scenario import Scenario
+from fleet.inject.scenario import Scenario, warnings_of
 from fleet.record.experiment import VIRTUAL, RunFacts
 from fleet.record.report import Machine
 from protocol.scenario import Sensing
@@ -161,6 +161,13 @@ class Evaluation(Record):
                 for seed in range(self.seeds if needs_seeds(noisy) else 1):
                     for method in self.goals:
                         yield Run(RunKey(stem, method, self.solver, level, seed), noisy)
+
+    def warnings(self) -> Iterator[str]:
+        """Why scenarios cannot be safe, each reason once a scenario."""
+        for stem, scenario in self.scenarios.items():
+            levels = [with_noise(scenario, level) for level in self.noise]
+            for warning in dict.fromkeys(warning for noisy in levels for warning in warnings_of(noisy)):
+                yield f"{stem}: {warning}"
 
     @property
     def spared_seeds(self) -> int:

@@ -24,7 +24,8 @@ from fleet.evaluate.evaluation import Run
 from fleet.evaluate.results import DIED, Row
 from fleet.interruption import Interruption
 from fleet.record.summary import Tally
-from fleet.run.virtual import closed_loop
+from fleet.run.virtual import EPOCH, closed_loop
+from protocol.messages import PublicScene
 
 CONNECT_S = 10.0
 """How long to wait for a scheduler and for its first worker."""
@@ -44,6 +45,7 @@ def execute(run: Run) -> Row:
     try:
         make_ready(run.key.method, run.key.solver)
         tally = Tally()
+        tally.add(PublicScene(epoch=EPOCH, scene=run.scenario.scene(with_goals=False)))
         cpu_s, wall_s = time.thread_time(), time.perf_counter()
         for moment in closed_loop(run.scenario, run.facts, time.thread_time):
             tally.add(moment.truth)

@@ -1,5 +1,6 @@
 """Scenarios with their faults, and files of faults alone: read or refused; told to the processes."""
 
+import math
 import os
 from collections.abc import Collection, Sequence
 from functools import reduce
@@ -18,6 +19,7 @@ from fleet.inject.mind import MIND_FAULTS
 from fleet.inject.process_faults import AbsenceFault
 from protocol.scenario import MAX_FAULTS, as_tuple, scenario_text
 from protocol.scene import Scene
+from protocol.vehicle import stopping_distance_m, stopping_time_s
 
 END_S = 1e5
 """After the end of every run; the latest time that a scenario can tell."""
@@ -89,6 +91,49 @@ def check_robots(faults: Sequence[Fault], robots: Collection[str]) -> None:
             if name not in robots:
                 what = f"there is no robot {name!r}; the robots are {', '.join(robots)}"
                 raise mistake_at(f"faults.{index}.{place}", what)
+
+
+def warnings_of(scenario: protocol.scenario.Scenario) -> list[str]:
+    """Why robots cannot be safe in a scenario whatever they do: a sentence each, with what to do about it."""
+    return [text for text in (_too_short_horizon(scenario), _too_short_range(scenario)) if text]
+
+
+def _too_short_horizon(scenario: protocol.scenario.Scenario) -> str:
+    slowest = max(scenario.robots, key=lambda robot: stopping_time_s(robot.limits))
+    needed_s, steps = stopping_time_s(slowest.limits), scenario.horizons.prediction_steps
+    horizon_s = steps * scenario.step_s
+    if horizon_s >= needed_s:
+        return ""
+    return (
+        f"the prediction horizon of {steps} × {scenario.step_s:g} s = {horizon_s:.3g} s is shorter than the "
+        f"{needed_s:.3g} s that robot {slowest.id!r} takes to brake from full speed, so robots may see too "
+        f"late that they have to: set horizons.prediction_steps to {math.ceil(needed_s / scenario.step_s)} "
+        "or more, or step_s to a larger value"
+    )
+
+
+def _too_short_range(scenario: protocol.scenario.Scenario) -> str:
+    """Of the robot whose sensors lack most: both of a pair brake from full speed, and then need room."""
+    scene = scenario.scene(with_goals=False)
+    lacking_m: dict[str, float] = {}
+    """By sentence."""
+    for robot in scenario.robots:
+        range_m = scenario.sensing_of(robot).range_m
+        others_m = [
+            stopping_distance_m(other.limits) + scene.safety_distance_m(robot.id, other.id)
+            for other in scenario.robots
+            if other is not robot
+        ]
+        if range_m is None or not others_m:
+            continue
+        needed_m = stopping_distance_m(robot.limits) + max(others_m)
+        if range_m < needed_m:
+            lacking_m[
+                f"robot {robot.id!r} sees others within {range_m:g} m, which is less than both braking "
+                f"distances and the safety distance together, {needed_m:.3g} m, so it may see them too late: "
+                f"set sensing.range_m to {math.ceil(10.0 * needed_m) / 10.0:g} or more, or lower speed limits"
+            ] = needed_m - range_m
+    return max(lacking_m, key=lambda sentence: lacking_m[sentence], default="")
 
 
 def effective(scenario: Scenario, seed: int) -> Scenario:

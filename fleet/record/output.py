@@ -6,6 +6,7 @@ from typing import Self
 from chassis.files import write_whole
 from chassis.refusal import ExitStatus, Refusal
 from fleet.inject.process_faults import FullDisk
+from fleet.inject.scenario import warnings_of
 from fleet.record.experiment import Experiment
 from fleet.record.picture import Course, draw_paths
 from fleet.record.recording import BusMessage, Recorder, StreamItem
@@ -70,7 +71,9 @@ class Output:
         Raises:
             Refusal: the disk does not take them.
         """
-        summary = self.tally.summary(self._experiment.facts, without_verdict)
+        summary = self.tally.summary(
+            self._experiment.facts, without_verdict, warnings_of(self._experiment.scenario)
+        )
         text = summary.model_dump_json(by_alias=True, indent=2) + "\n"
         try:
             write_whole(self.directory / "summary.json", text)

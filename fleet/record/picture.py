@@ -20,14 +20,13 @@ from matplotlib.patches import Circle, Polygon
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
+from fleet.record.encounters import LATE_STEPS
 from fleet.record.summary import Summary, verdict_line
 from protocol.messages import Message, Mind, PublicScene, Truth
 from protocol.scenario import Scenario, ScenarioRobot
 
 PUBLISHED_TIMES_S = (1.6, 3.0)
 """The publication's figure shows a run at these times and at its end."""
-LATE_STEPS = 5
-"""Minds of one step arrive within this many further steps."""
 COLOURS = [to_hex(colour) for colour in mpl.color_sequences["petroff10"]]
 """Ten colours that stay distinct with impaired colour vision (Petroff 2021); more robots repeat them."""
 GOAL, ESTIMATE = "*", "D"

@@ -11,6 +11,7 @@ from rich import box
 from rich.table import Table
 
 from chassis.files import Record
+from fleet.record.encounters import Encounters, RelativeDistances
 from fleet.record.experiment import RunFacts
 from fleet.record.recording import RefusedMind, Restarted
 from protocol.messages import Message, Mind, PublicScene, TrueRobot, Truth
@@ -80,6 +81,14 @@ class Summary(Record):
     """In which ways robots were degraded and for how long, in s; only those that were."""
     restarts: dict[str, int] = Field(default_factory=dict)
     """How often processes were started again, by their name; only those that were."""
+    relative_distances: RelativeDistances | None = None
+    """None with a single robot."""
+    side_disagreement: float | None = None
+    """Share of ``side_pair_steps`` in which two robots predict to pass each other on different sides."""
+    side_pair_steps: int = 0
+    """Pairs that predict to come near each other, added up over the steps."""
+    warnings: tuple[str, ...] = ()
+    """Why the scenario cannot be safe, whatever robots do; a sentence each."""
     robots: tuple[RobotSummary, ...]
     phases_ms: Phases
 
@@ -95,10 +104,12 @@ class Tally:
 
     def __init__(self) -> None:
         self._restarts: Counter[str] = Counter()
+        self._encounters = Encounters()
         self._begin(None)
 
     def _begin(self, epoch: int | None) -> None:
         self._epoch = epoch
+        self._encounters.begin()
         self._truth: Truth | None = None
         self._robots: dict[str, TrueRobot] = {}
         self._minds: dict[str, Mind] = {}
@@ -110,10 +121,14 @@ class Tally:
         """Count what a run tells, in the order of its steps; a pose or a command tells nothing more."""
         if isinstance(item, PublicScene | Truth) and item.epoch != self._epoch:
             self._begin(item.epoch)
-        if isinstance(item, Truth):
+        if isinstance(item, PublicScene):
+            self._encounters.meet(item.scene)
+        elif isinstance(item, Truth):
+            self._encounters.measure(item)
             self._truth = item
             self._robots.update(item.robots)  # a robot that has vanished keeps what it had reached
         elif isinstance(item, Mind):
+            self._encounters.compare(item)
             self._minds[item.robot] = item
             self._degraded.setdefault(item.robot, Counter()).update(item.degraded)
             for phase, durations_ms in self._durations_ms.items():
@@ -131,8 +146,16 @@ class Tally:
         """Commands outside the limits so far, by robot."""
         return {name: robot.clipped_commands for name, robot in self._robots.items()}
 
-    def summary(self, facts: RunFacts, without_verdict: str = "interrupted") -> Summary:
-        """The run so far; without the referee's verdict, the given one stands."""
+    def summary(
+        self, facts: RunFacts, without_verdict: str = "interrupted", warnings: Sequence[str] = ()
+    ) -> Summary:
+        """The run so far; without the referee's verdict, the given one stands.
+
+        Args:
+            facts: what was run.
+            without_verdict: see above.
+            warnings: of the scenario.
+        """
         truth, robots, minds = self._truth, self._robots, self._minds
         arrivals_s = [robot.arrived_s for robot in robots.values() if robot.arrived_s is not None]
         return Summary(
@@ -149,6 +172,10 @@ class Tally:
             interventions=sum(mind.interventions for mind in minds.values()),
             degraded=self._degraded_s(),
             restarts=dict(self._restarts),
+            relative_distances=self._encounters.relative_distances,
+            side_disagreement=self._encounters.side_disagreement,
+            side_pair_steps=self._encounters.pair_steps,
+            warnings=tuple(warnings),
             robots=tuple(
                 RobotSummary(
                     id=name,
@@ -249,7 +276,7 @@ def _progress(summary: Summary) -> str:
 
 
 def remarks(summary: Summary) -> list[str]:
-    """What was not taken of each robot's messages, and how long it drove degraded: nothing if all is well."""
+    """What was not taken of messages, who drove degraded, who disagreed on sides: nothing if all is well."""
     refused = [
         f"Refused of robot {robot}: {', '.join(f'{count} × {reason}' for reason, count in reasons.items())}."
         for robot, reasons in summary.refused.items()
@@ -258,7 +285,13 @@ def remarks(summary: Summary) -> list[str]:
         f"Robot {robot} was degraded: {', '.join(f'{how} {time_s:g} s' for how, time_s in ways.items())}."
         for robot, ways in summary.degraded.items()
     ]
-    return refused + degraded
+    sides = []
+    if summary.side_disagreement:
+        sides.append(
+            f"In {summary.side_disagreement:.1%} of {summary.side_pair_steps} pair-steps two robots "
+            "predicted to pass each other on different sides."
+        )
+    return refused + degraded + sides
 
 
 def _arrival(time_s: float | None) -> str:

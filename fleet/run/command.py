@@ -15,6 +15,7 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from agent.process.options import DecisionOptions
 from chassis.options import with_options
 from chassis.refusal import ExitStatus, Refusal
+from fleet.inject.scenario import warnings_of
 from fleet.interruption import Interruption, announced
 from fleet.record.experiment import VIRTUAL, Experiment, prepare
 from fleet.record.output import Output
@@ -131,6 +132,8 @@ def conduct(experiment: Experiment, out: Path | None, stream: Stream, begin: str
     columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
     with Interruption() as interruption:
         output = Output(directory, experiment)
+        for warning in warnings_of(experiment.scenario):
+            typer.echo(f"Warning: {warning}.", err=True)
         try:
             with output, Progress(*columns, console=console) as progress:
                 line = progress.add_task(announced(begin), total=None)

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from fleet.inject.scenario import Scenario
 from fleet.record.report import new_table
-from fleet.scenarios.suite import FamilyName, load_suite, write_suite
+from fleet.scenarios.suite import FAMILIES, FamilyName, load_suite, write_suite
 from fleet.scenarios.suite import generate as generated
 from protocol.scene import MAX_ROBOTS
 from scenarios import bundled_scenarios, bundled_suites
@@ -67,7 +67,10 @@ def checked_numbers(text: str) -> str:
 @app.command()
 def generate(
     out: Annotated[Path, typer.Option(help="Directory for the suite, new or empty.", file_okay=False)],
-    family: Annotated[FamilyName, typer.Option(help="Arrangement of starts and goals.")] = "perimeter",
+    family: Annotated[
+        FamilyName,
+        typer.Option(metavar="NAME", help=f"Arrangement of starts and goals: {', '.join(FAMILIES)}."),
+    ] = "perimeter",
     robots: Annotated[
         str,
         typer.Option(

@@ -63,6 +63,7 @@ def mind(
     **changes: object,
 ) -> Mind:
     plain = {"epoch": EPOCH, "arrived": False, "failed": (), "solver_failures": 0, "cut_short_at": None}
+    plain |= {"prediction": {}}
     return Mind(
         robot=robot,
         step=step,
@@ -71,7 +72,6 @@ def mind(
             name: State(x_m=x, y_m=y, heading_rad=0.0, speed_mps=0.0)
             for name, (x, y) in (estimates or {}).items()
         },
-        prediction={},
         plan=tuple(plan),
         timings_ms=Timings(**(timings_ms or {})),
         **(plain | changes),

@@ -38,8 +38,8 @@ def unspoken(*arguments: object, env: dict[str, str] | None = None) -> Result:
 
 
 def scenario(robots: list[dict[str, Any]], **rules: Any) -> str:
-    """A scenario file in the present directory; its robots look ten steps ahead, which is cheap."""
-    horizons = {"prediction_steps": 10, "estimation_steps": 3}
+    """A scenario file in the present directory; its robots look as far ahead as they brake."""
+    horizons = {"prediction_steps": 20, "estimation_steps": 3}
     content = {"name": "test", "robots": robots, "horizons": horizons, **rules}
     Path("test.yaml").write_text(yaml.safe_dump(content))
     return "test.yaml"

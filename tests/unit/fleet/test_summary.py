@@ -66,6 +66,10 @@ def test_the_summary_counts_a_run_exactly() -> None:
         "interventions": 0,
         "degraded": {},
         "restarts": {},
+        "relative_distances": None,
+        "side_disagreement": None,
+        "side_pair_steps": 0,
+        "warnings": [],
         "robots": [
             {"id": "a", "arrived_s": 0.1, "driven_m": 1.5, "solver_failures": 0, "deadline_misses": 2},
             {"id": "b", "arrived_s": 0.2, "driven_m": 2.5, "solver_failures": 3, "deadline_misses": 3},
