@@ -68,6 +68,20 @@ def write_whole(path: Path, content: str | bytes) -> None:
         part.unlink(missing_ok=True)
 
 
+def empty_directory(directory: Path) -> None:
+    """Make a directory if need be; one that holds something is refused, so that nothing is lost.
+
+    Raises:
+        Refusal: it holds something, or cannot be made.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        if any(directory.iterdir()):
+            raise Refusal(f"{directory} is not empty; choose another directory with --out, or remove it")
+    except OSError as error:
+        raise Refusal(f"{directory} cannot be used for the output: {error.strerror}") from error
+
+
 @contextmanager
 def new_directory(directory: Path, if_taken: str) -> Iterator[Path]:
     """A directory to fill in the block; it takes its place at the end of the block, or is gone.

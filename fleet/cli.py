@@ -16,6 +16,7 @@ COMMANDS = {
     "evaluate": ("fleet.evaluate.command:evaluate", "Compare methods over a suite of scenarios."),
     "report": ("fleet.report.command:report", "Write the HTML report of an evaluation."),
     "faults": ("fleet.faults.command:faults", "Inject faults and check that the guarantees hold."),
+    "hunt": ("fleet.hunt.command:hunt", "Search for the scenarios that hurt robots most."),
     "audit": ("fleet.audit.command:audit", "Verify that robots decided on their own observations only."),
     "replay": ("fleet.audit.command:replay", "Replay the decisions of one robot of a recorded run."),
 }

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Self
 
-from chassis.files import write_whole
+from chassis.files import empty_directory, write_whole
 from chassis.refusal import ExitStatus, Refusal
 from fleet.inject.process_faults import FullDisk
 from fleet.inject.scenario import warnings_of
@@ -24,12 +24,7 @@ class Output:
     """
 
     def __init__(self, directory: Path, experiment: Experiment) -> None:
-        try:
-            directory.mkdir(parents=True, exist_ok=True)
-            if any(directory.iterdir()):
-                raise Refusal(f"{directory} is not empty; choose another directory with --out, or remove it")
-        except OSError as error:
-            raise Refusal(f"{directory} cannot be used for the output: {error.strerror}") from error
+        empty_directory(directory)
         self.directory = directory
         self.logs = directory / "logs"
         self.tally = Tally()

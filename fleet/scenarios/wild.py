@@ -10,7 +10,7 @@ that hurt most, so a small change of a coordinate changes the scenario a little,
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -54,6 +54,7 @@ LEVELS = (AS_IN_THE_FILE, "low", "medium")
 """Of noise, in equal shares."""
 MOST_DROPOUT, MOST_DELAY_STEPS = 0.3, 2
 
+WildName = Literal["wild", "wild-noisy"]
 Point = tuple[float, float]
 Place = tuple[Point, float]
 """A point, and the radius of the body there with its margin, in m."""
