@@ -17,6 +17,7 @@ from chassis.refusal import ExitStatus, Refusal
 from fleet.evaluate.evaluation import GRAMMAR, Evaluation, levels_in
 from fleet.evaluate.results import Results, Row, open_results
 from fleet.interruption import Interruption, announced, compile_solver
+from fleet.record.encounters import DistanceQuantiles, pooled
 from fleet.record.report import CORES, new_table, number, progress_of_many, this_machine
 from fleet.scenarios.suite import load_suite
 
@@ -173,6 +174,7 @@ def _show(evaluation: Evaluation, results: Results, directory: Path) -> None:
     done = [results.rows[run.key] for run in evaluation.runs() if run.key in results.rows]
     if done:
         console.print(method_table(done))
+        console.print(encounter_table(done))
     typer.echo(f"Results in {directory}: {', '.join(sorted(path.name for path in directory.iterdir()))}")
 
 
@@ -198,6 +200,31 @@ def method_table(rows: Sequence[Row]) -> Table:
             max(_known(row.decide_cpu_p99_ms for row in group), default=None),
         )
         table.add_row(method, noise, *map(str, counts), *map(number, figures))
+    return table
+
+
+def encounter_table(rows: Sequence[Row]) -> Table:
+    """One line per method and level of noise: how near robots came in each run, and whether minds agreed."""
+    distances = [
+        f"{title if index == 0 else ''}\n{name}"
+        for title in ("Contact", "Safety")
+        for index, name in enumerate(("min", "1 %", "10 %", "median"))
+    ]
+    title = "Smallest distances of the runs, relative to contact and to the safety distance"
+    table = new_table(title, "Method", "Noise", *distances, "Sides\ndiffer", "Interven-\ntions", names=2)
+    for method, noise in dict.fromkeys((row.method, row.noise) for row in rows):
+        group = [row for row in rows if (row.method, row.noise) == (method, noise)]
+        cells: list[str] = []
+        for known in (
+            _known(row.closest_to_collision for row in group),
+            _known(row.closest_to_safety for row in group),
+        ):
+            cells += (
+                [number(value) for _, value in DistanceQuantiles.of(known)] if known else 4 * [number(None)]
+            )
+        sides = pooled((row.side_disagreement, row.side_pair_steps or 0) for row in group)
+        cells.append(number(None) if sides is None else f"{sides:.1%}")
+        table.add_row(method, noise, *cells, str(sum(row.interventions or 0 for row in group)))
     return table
 
 

@@ -79,6 +79,15 @@ class Row(Record):
     cpu_s: float | None = None
     """Thread CPU time of the whole run, world included."""
     wall_s: float | None = None
+    interventions: int | None = None
+    """How often last-resort collision monitors have begun to brake."""
+    side_disagreement: float | None = None
+    """Share of the next in which two robots predict to pass on different sides; None where it is zero."""
+    side_pair_steps: int | None = None
+    closest_to_collision: float | None = None
+    """Smallest distance of two robots over that at which they collide; None with a single robot too."""
+    closest_to_safety: float | None = None
+    """The same over their safety distance."""
 
     @property
     def key(self) -> RunKey:
@@ -100,6 +109,8 @@ class Row(Record):
         robots = len(summary.robots)
         driven_m = sum(robot.driven_m for robot in summary.robots)
         same = "verdict duration_s minimum_distance_m collisions steps solver_failures clipped_commands"
+        same += " interventions side_disagreement side_pair_steps"
+        distances = summary.relative_distances
         return cls(
             **run.key._asdict(),
             **{name: getattr(summary, name) for name in same.split()},
@@ -112,6 +123,8 @@ class Row(Record):
             arrived=len(arrivals_s),
             robot_duration_mean_s=sum(arrivals_s) / robots if len(arrivals_s) == robots else None,
             driven_m=driven_m,
+            closest_to_collision=None if distances is None else distances.to_collision.min,
+            closest_to_safety=None if distances is None else distances.to_safety.min,
             robot_driven_mean_m=driven_m / robots,
             cpu_s=cpu_s,
             wall_s=wall_s,

@@ -1,23 +1,26 @@
 """What a hunt has found: the scenarios that hurt most, as files, and a file with the results."""
 
+import math
 import shlex
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 from pydantic import Field
 
 from agent.estimate import GoalsName
 from chassis.files import Record, empty_directory, write_whole
 from chassis.refusal import ExitStatus, Refusal
-from fleet.hunt.attempt import Attempt, Harm, Outcome, Points
+from fleet.hunt.attempt import ENOUGH, Attempt, Harm, Outcome, Points
 from fleet.inject.scenario import Scenario, warnings_of
 from fleet.record.report import Machine
 from fleet.scenarios.wild import WildName, scenario_at
 from protocol.scenario import scenario_text
 
 RESULTS = "results.json"
+Kind = Literal["distance", "deadlock", "time", "failed"]
+"""Of what is kept: a harm, or an exception."""
 
 
 class Settings(Record):
@@ -38,7 +41,7 @@ class Find(Record):
     """A scenario that hurts, with what came of it."""
 
     file: str
-    harm: Harm | Literal["failed"]
+    harm: Kind
     robots: int
     outcome: Outcome
     command: str
@@ -77,7 +80,8 @@ class _Kept(NamedTuple):
 class Finds:
     """Takes the outcomes of a hunt and keeps the scenarios that hurt most in a directory.
 
-    Of one start of the search only the worst is kept, since the others are much like it.
+    Of one start of the search only the worst is kept, since the others are much like it. Harm that a run does
+    counts whether the search looked for it or not: contact and robots that never arrive are kept in any case.
 
     Raises:
         Refusal: the directory cannot be made, or holds something.
@@ -87,11 +91,12 @@ class Finds:
         empty_directory(directory)
         self.directory = directory
         self._settings, self._machine, self._begun = settings, machine, begun
-        kinds: tuple[Harm | Literal["failed"], ...] = (*settings.harms, "failed")
-        self._kept: dict[Harm | Literal["failed"], dict[tuple[int, int], _Kept]] = {
-            kind: {} for kind in kinds
+        self._wanted = {
+            harm: math.inf if harm in settings.harms else enough for harm, enough in ENOUGH.items()
         }
-        """By kind of harm, and then by number of robots and start of the search."""
+        """Values below this are kept."""
+        self._kept: dict[Kind, dict[tuple[Harm, int, int], _Kept]] = {kind: {} for kind in get_args(Kind)}
+        """And then by what was looked for, number of robots and start of the search."""
         self._tried: list[Attempt] = []
         self._outcomes: list[Outcome] = []
 
@@ -109,10 +114,14 @@ class Finds:
         """Take in what came of a run."""
         self._outcomes.append(outcome)
         tried = self._tried[outcome.number]
-        origin = len(tried.scenario.robots), tried.start
-        kept = _Kept(outcome.value(tried.harm), tried.number, outcome, tried.scenario)
-        best = self._kept["failed" if outcome.failed else tried.harm]
-        best[origin] = min(best.get(origin, kept), kept, key=lambda each: each[:2])
+        kinds: list[Kind] = [harm for harm in ENOUGH if outcome.value(harm) < self._wanted[harm]]
+        if outcome.failed:
+            kinds = ["failed"]
+        origin = tried.harm, len(tried.scenario.robots), tried.start
+        for kind in kinds:
+            value = 0.0 if kind == "failed" else outcome.value(kind)
+            kept, best = _Kept(value, tried.number, outcome, tried.scenario), self._kept[kind]
+            best[origin] = min(best.get(origin, kept), kept, key=lambda each: each[:2])
 
     def worst(self, harm: Harm) -> Outcome | None:
         """The outcome that hurts most so far."""

@@ -2,6 +2,7 @@
 
 import math
 from array import array
+from collections.abc import Iterable, Sequence
 from itertools import combinations
 from typing import NamedTuple, Self
 
@@ -22,7 +23,7 @@ Path = NDArray[np.complex128]
 
 
 class DistanceQuantiles(Record):
-    """Of the smallest distance of two robots at a step, relative to what it should be, over all steps."""
+    """Of smallest distances of two robots, relative to what they should be: over steps, or over runs."""
 
     min: float
     p1: float
@@ -30,7 +31,7 @@ class DistanceQuantiles(Record):
     p50: float
 
     @classmethod
-    def of(cls, values: "array[float]") -> Self:
+    def of(cls, values: Sequence[float] | NDArray[np.float64]) -> Self:
         """The quantiles of values, of which there is one at least."""
         least, p1, p10, p50 = np.percentile(values, [0.0, 1.0, 10.0, 50.0]).tolist()
         return cls(min=least, p1=p1, p10=p10, p50=p50)
@@ -140,6 +141,13 @@ class Encounters:
             to_collision=DistanceQuantiles.of(self._to_collision),
             to_safety=DistanceQuantiles.of(self._to_safety),
         )
+
+
+def pooled(shares: Iterable[tuple[float | None, int]]) -> float | None:
+    """The share in all of several runs: of each its share, None for none, and of how many."""
+    known = [(share, count) for share, count in shares if share is not None]
+    total = sum(count for _, count in known)
+    return sum(share * count for share, count in known) / total if total else None
 
 
 def winding_rad(path: Path) -> float:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import pandas as pd
 from jinja2 import Environment, StrictUndefined
 
+from fleet.record.encounters import DistanceQuantiles, pooled
 from fleet.report.data import (
     DURATION,
     MEASURES,
@@ -129,6 +130,7 @@ def _section(data: Data, level: Level) -> Section:
             medians(level),
             *([comparisons(level, data.against)] if compared else []),
             endings(level, planned),
+            encounters(level),
             timings(level),
         ],
         details=[scenario_by_scenario(level, data.against)],
@@ -273,6 +275,46 @@ def endings(level: Level, planned: Mapping[str, int]) -> Table:
             small = [] if known is None else [f"published {known:.0f}"]
             rows[method].append(Cell(str(count), small, count > 0 and column != "clipped_commands"))
     return Table("How the runs ended", ("Method", "runs", "all arrived", *ENDINGS), rows)
+
+
+def encounters(level: Level) -> Table:
+    """How near robots came in each run, whether the minds of pairs agreed, and how often monitors braked."""
+    rows = {}
+    for method in level.methods:
+        runs = level.runs[level.runs["method"] == method]
+        cells = []
+        for column in ("closest_to_collision", "closest_to_safety"):
+            known = runs[column].dropna().to_numpy(dtype=float)
+            quantiles = DistanceQuantiles.of(known) if len(known) else None
+            for _, value in quantiles or [("", None)] * 4:
+                cells.append(Cell(DASH if value is None else f"{value:.3f}"))
+            if quantiles is not None and column == "closest_to_collision":
+                cells[0] = cells[0]._replace(bad=quantiles.min < 1.0)
+        sides = [
+            (float(share), int(pair_steps))
+            for share, pair_steps in zip(runs["side_disagreement"], runs["side_pair_steps"], strict=True)
+            if not math.isnan(share)
+        ]
+        share = pooled(sides)
+        of = [f"of {sum(pair_steps for _, pair_steps in sides)} pair-steps"]
+        cells.append(Cell(DASH) if share is None else Cell(f"{share:.1%}", of))
+        cells.append(Cell(f"{int(runs['interventions'].sum())}", [f"in {len(runs)} runs"]))
+        rows[method] = cells
+    return Table(
+        "Smallest distance of each run, relative to the collision distance and to the safety distance of the "
+        "pair: quantiles over runs; how often two robots predicted to pass on different sides",
+        (
+            "Method",
+            *(
+                f"{of}, {name}"
+                for of in ("collision", "safety")
+                for name in ("smallest", "1 %", "10 %", "median")
+            ),
+            "sides differ",
+            "interventions",
+        ),
+        rows,
+    )
 
 
 def timings(level: Level) -> Table:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from run_helpers import EPOCH, mind, truth
 
-from fleet.record.encounters import LATE_STEPS, Encounters, winding_rad
+from fleet.record.encounters import LATE_STEPS, Encounters, pooled, winding_rad
 from fleet.record.summary import Tally
 from protocol.messages import Message, PublicScene, State
 from protocol.scene import PublicRobot, Scene
@@ -98,6 +98,11 @@ def test_two_minds_of_a_step_disagree_where_they_pass_on_different_sides(
 ) -> None:
     met = gathered(minds)
     assert (met.pair_steps, met.side_disagreement) == expected
+
+
+def test_shares_of_several_runs_are_pooled_by_what_they_are_shares_of() -> None:
+    assert pooled([(0.5, 30), (None, 0), (0.0, 10)]) == 0.375
+    assert pooled([(None, 0)]) is None
 
 
 def test_another_epoch_begins_anew_among_the_same_robots() -> None:

@@ -73,7 +73,7 @@ def arrived(run: Run) -> Row:
 
 
 def line_of(output: str, method: str) -> list[str]:
-    (line,) = [line for line in output.splitlines() if line.split()[:1] == [method]]
+    line, _encounters = [line for line in output.splitlines() if line.split()[:1] == [method]]
     return line.split()
 
 
@@ -306,8 +306,11 @@ def test_a_row_says_what_a_simulation_of_the_same_run_says(tmp_path: Path, monke
     (run,) = evaluation_of(suite, goals=("exchanged",)).runs()
     row = execute(run)
     same = ("verdict", "seed", "solver", "duration_s", "minimum_distance_m", "collisions", "steps")
-    same += ("solver_failures", "clipped_commands")
+    same += ("solver_failures", "clipped_commands", "interventions", "side_disagreement", "side_pair_steps")
     assert {name: getattr(row, name) for name in same} == {name: summary[name] for name in same}
+    for of in ("collision", "safety"):
+        assert getattr(row, f"closest_to_{of}") == summary["relative_distances"][f"to_{of}"]["min"]
+    assert row.closest_to_collision == pytest.approx(row.minimum_distance_m / 0.99)
     assert (row.scenario, row.method, row.verdict) == ("near", "exchanged", "arrived")
     assert row.robots == row.arrived == len(summary["robots"])
     arrivals_s, driven_m = (

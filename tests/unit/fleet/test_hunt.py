@@ -110,7 +110,7 @@ SETTINGS = Settings(
 
 
 def kept(directory: Path, order: list[int]) -> Finds:
-    """Six runs of two robots from two starts, one of three, and one that failed; reported in some order."""
+    """Six runs of two robots from two starts, two of three; a contact, a lost robot, an exception."""
     finds = Finds(directory, SETTINGS, this_machine(), datetime.now(UTC))
     random = np.random.default_rng(0)
     for robots, start, count in ((2, 0, 3), (2, 1, 3), (3, 0, 2)):
@@ -119,7 +119,7 @@ def kept(directory: Path, order: list[int]) -> Finds:
     closest = [1.4, 1.1, 1.3, 1.2, 1.2, 0.9, 1.15, None]
     for number in order:
         failed = {"verdict": "failed", "reason": "boom"} if closest[number] is None else {}
-        finds.add(outcome(number, closest=closest[number], **failed))
+        finds.add(outcome(number, closest=closest[number], missing=int(number == 2), **failed))
     return finds
 
 
@@ -129,9 +129,12 @@ def test_of_each_start_the_worst_is_kept_as_a_file_with_the_command_that_repeats
     assert [(find.file, find.outcome.number) for find in results.finds] == [
         ("distance-1.yaml", 5),
         ("distance-2.yaml", 1),
+        ("deadlock-1.yaml", 2),
+        ("time-1.yaml", 0),
+        ("time-2.yaml", 3),
         ("failed-1.yaml", 7),
     ]
-    assert (results.made, results.contacts, results.failed) == (8, 1, 1)
+    assert (results.made, results.contacts, results.not_arrived, results.failed) == (8, 1, 1, 1)
     again = kept(tmp_path / "c", [7, 4, 5, 3, 6, 2, 0, 1]).write()
     assert [find.outcome for find in again.finds] == [find.outcome for find in results.finds]
     for find in results.finds:

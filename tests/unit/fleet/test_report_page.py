@@ -12,7 +12,9 @@ from pathlib import Path
 import pytest
 from evaluation_helpers import evaluation_of, write_suite
 from reporting_helpers import never, page_of, row, unspoken_report, write_evaluation
+from rich.console import Console
 
+from fleet.evaluate.command import WIDTH, encounter_table
 from fleet.evaluate.evaluation import Run
 from fleet.evaluate.results import DIED, EXPERIMENT, RUNS, Row
 from fleet.evaluate.running import execute
@@ -23,6 +25,7 @@ from fleet.report.data import Data, publication
 from fleet.report.figures import Chart
 from fleet.report.page import (
     compose,
+    encounters,
     endings,
     medians,
     noise_sweep,
@@ -91,6 +94,36 @@ def test_endings_and_durations_are_those_of_the_runs(data: Data):
     assert [cell.text for cell in cells] == ["2", "6.5", "9.0", "–"]
     assert [cell.small for cell in cells[2:]] == [["+2.5"], ["deadlock"]]
     assert timings(level).rows["ioc"][0].text == "–", "nothing is made up where nothing was measured"
+
+
+def test_encounters_are_quantiles_over_runs_and_a_run_counts_by_its_pair_steps(out: Path):
+    closest = dict(zip(STEMS, (0.9, 1.0, 1.1, 1.2, 1.3), strict=True))
+
+    def met(run: Run) -> Row:
+        if run.key.method == "ioc":
+            return Row.without_result(run, "boom")
+        first = run.key.scenario == "a"
+        return row(
+            run,
+            closest_to_collision=closest[run.key.scenario],
+            closest_to_safety=closest[run.key.scenario] / 2.0,
+            side_disagreement=0.5 if first else None,
+            side_pair_steps=30 if first else 0,
+            interventions=2,
+        )
+
+    data = write_evaluation(out, STEMS, met, goals=("exchanged", "ioc"))
+    rows = encounters(data.levels[0]).rows
+    texts = ["0.900", "0.904", "0.940", "1.100", "0.450", "0.452", "0.470", "0.550", "50.0%", "10"]
+    assert [cell.text for cell in rows["exchanged"]] == texts
+    assert [cell.bad for cell in rows["exchanged"]] == [True] + 9 * [False]
+    assert rows["exchanged"][8].small == ["of 30 pair-steps"]
+    assert [cell.text for cell in rows["ioc"]] == 9 * ["–"] + ["0"]
+    console = Console(width=WIDTH)
+    with console.capture() as capture:
+        console.print(encounter_table(data.rows))
+    [told] = [line.split() for line in capture.get().splitlines() if "exchanged" in line]
+    assert told[1:] == ["none", "0.9", "0.904", "0.94", "1.1", "0.45", "0.452", "0.47", "0.55", "50.0%", "10"]
 
 
 def test_levels_of_noise_stand_beside_one_another(out: Path):
