@@ -58,8 +58,8 @@ def lanes(count: int, length_m: float, **robot: Any) -> list[dict[str, Any]]:
 
 
 def endless(path: Path, count: int) -> Path:
-    """Slow robots with a way of half an hour."""
-    robots = lanes(count, 900.0, limits={"speed_mps": 0.5})
+    """Slow robots, which stop within their horizon, with a way of more than half an hour."""
+    robots = lanes(count, 900.0, limits={"speed_mps": 0.4})
     return write_scenario(path, robots, area={"x_max_m": 1000.0}, time_limit_s=10_000.0)
 
 
