@@ -73,7 +73,7 @@ class Agent:
                     goal = known_goal(self.goal, memory.state(robot))
                     thought.plan = planner.plan(memory, goal, previous, thought.prediction)
         command = self._driver.act(observation, memory, previous, thought)
-        interventions = self._driver.monitor.interventions
+        interventions = self._driver.interventions
         mind = self._telemetry.mind(observation, memory, thought, interventions, deadline.cut_short_at)
         return Decision(command, mind)
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.estimate import ESTIMATORS, GoalsName
+from agent.estimate import DEFAULT_GOALS, ESTIMATORS, GoalsName
 from agent.estimate.goals import ConstantAcceleration, GoalEstimator, Unestimated
 from agent.remember.memory import Memory
 from agent.solve import Deadline
@@ -35,7 +35,7 @@ def method_of(name: GoalsName, scene: Scene, robot: str, solver: JointSolver, de
         ValueError: the estimator needs something that the scene does not hold.
         ModuleNotFoundError: ORCA's library is not installed.
     """
-    planner = Planner(scene, robot, solver, deadline)
+    planner = Planner(scene, robot, solver, deadline, arrives_quickly=name == DEFAULT_GOALS)
     if name in ESTIMATORS:
         estimator, predictor = ESTIMATORS[name](scene), Predictor(scene, solver, deadline)
         joint_or_own = JointPlan(robot) if estimator.goals_are_shared else planner

@@ -2,7 +2,8 @@
 
 from collections import deque
 
-from agent.drive.safety import CollisionMonitor, Vigilance
+from agent.drive.reserve import Reserve
+from agent.drive.safety import LastResort, Vigilance
 from agent.remember.memory import Memory
 from agent.solve.planning import Plan
 from agent.telemetry import Thought
@@ -19,19 +20,28 @@ DOUBTFUL = 3
 
 
 class Driver:
-    """Drives one robot by its plans, and brakes where it must not follow them.
+    """Drives one robot by its plans, as far as the reserve allows, and brakes where it must not follow them.
+
+    Args:
+        scene: what everybody may know.
+        robot: this robot's id.
+        keeps_reserve: whether it keeps the reserve and brakes for those that do not; False for experiments.
 
     Attributes:
         history: its last commands.
-        monitor: its last resort.
+        interventions: how often the reserve or the last resort has begun to hold it back.
     """
 
-    def __init__(self, scene: Scene, robot: str) -> None:
+    def __init__(self, scene: Scene, robot: str, *, keeps_reserve: bool = True) -> None:
         self._robot = robot
         self._limits = scene.robot(robot).limits
         self._step_s = scene.step_s
         self._vigilance = Vigilance(scene, robot)
-        self.monitor = CollisionMonitor(scene, robot)
+        self._keeps_reserve = keeps_reserve
+        self._reserve = Reserve(scene, robot)
+        self._last_resort = LastResort(scene, robot)
+        self._is_held_back = False
+        self.interventions = 0
         self.history = CommandHistory(robot, self._limits, scene.step_s)
 
     def act(self, observation: Observation, memory: Memory, previous: Input, thought: Thought) -> Command:
@@ -39,55 +49,61 @@ class Driver:
 
         Where the plan is not to be followed, the thought is told why.
         """
-        self.monitor.watch(memory, thought.prediction, observation.accuracy)
+        self._reserve.update(memory, previous, observation.accuracy)
         is_blind = self._vigilance.look(memory, observation.age_steps)
         speed_mps = float(memory.state(self._robot)[3])
-        inputs, thought.emergency = self._inputs(memory, previous, speed_mps, thought, is_blind)
+        driven, thought.emergency = self._input(memory, previous, speed_mps, thought, is_blind)
+        is_held_back = thought.emergency == "intervention"
+        self.interventions += is_held_back and not self._is_held_back
+        self._is_held_back = is_held_back
         command = Command(
             epoch=observation.epoch,
             robot=self._robot,
             step=observation.step,
-            turn_rate_radps=inputs[0].turn_rate_radps,
-            acceleration_mps2=inputs[0].acceleration_mps2,
-            then=inputs[1] if len(inputs) > 1 else None,
+            turn_rate_radps=driven.turn_rate_radps,
+            acceleration_mps2=driven.acceleration_mps2,
         )
         self.history.add(command, speed_mps)
         return command
 
-    def _inputs(
+    def _input(
         self, memory: Memory, previous: Input, speed_mps: float, thought: Thought, is_blind: bool
-    ) -> tuple[list[Input], Degradation | None]:
-        """The input of this step and, of a plan, that of the next one; and why the plan is not followed."""
+    ) -> tuple[Input, Degradation | None]:
+        """The input of this step, and why it is not the planned one."""
         limits, step_s, plan = self._limits, self._step_s, thought.plan
-        braking = [braking_input(limits, previous, speed_mps, step_s)]
+        braking = braking_input(limits, previous, speed_mps, step_s)
         if thought.arrived:
             return braking, None
         if is_blind:
             return braking, "controlled stop"
-        if plan is None or not plan.solved:
-            return [failure_input(limits, previous, speed_mps, step_s)], "solver failure"
-        inputs = planned_inputs(plan, limits, previous, speed_mps, step_s)
-        if self.monitor.must_brake(memory, plan, inputs[0], previous):
-            return braking, "intervention"
-        return inputs, None
+        solved = plan is not None and plan.solved
+        if solved:
+            wanted = planned_input(plan, limits, previous, speed_mps, step_s)
+        else:
+            wanted = failure_input(limits, previous, speed_mps, step_s)
+        driven = self._held_back(memory, plan, wanted, previous) if self._keeps_reserve else wanted
+        if not solved:
+            return driven, "solver failure"
+        return driven, None if driven == wanted else "intervention"
+
+    def _held_back(self, memory: Memory, plan: Plan | None, wanted: Input, previous: Input) -> Input:
+        """What of a wanted input is driven."""
+        doubted = self._reserve.doubted(memory)
+        if plan is not None and self._last_resort.must_brake(memory, doubted, plan, wanted, previous):
+            return braking_input(self._limits, previous, float(memory.state(self._robot)[3]), self._step_s)
+        return self._reserve.nearest_allowed(memory, wanted, previous, apart_from=doubted)
 
 
-def planned_inputs(
-    plan: Plan, limits: Limits, previous: Input, speed_mps: float, step_s: float
-) -> list[Input]:
-    """The input that is driven now, and, where the plan goes on, that for a next step without a command.
+def planned_input(plan: Plan, limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
+    """The input of a plan that is driven now.
 
     Solvers keep limits to a tolerance; what is commanded keeps those of inputs and rates exactly, and that of
     the speed as far as they allow.
     """
-    inputs = []
-    for turn_rate, acceleration in plan.inputs[:2].tolist():
-        slowest, fastest = ((bound - speed_mps) / step_s for bound in (-limits.speed_mps, limits.speed_mps))
-        wanted = Input(turn_rate, min(max(acceleration, slowest), fastest))
-        previous = reachable_inputs(limits, previous, step_s).clip(wanted)
-        speed_mps += step_s * previous.acceleration_mps2
-        inputs.append(previous)
-    return inputs
+    turn_rate, acceleration = plan.inputs[0].tolist()
+    slowest, fastest = ((bound - speed_mps) / step_s for bound in (-limits.speed_mps, limits.speed_mps))
+    wanted = Input(turn_rate, min(max(acceleration, slowest), fastest))
+    return reachable_inputs(limits, previous, step_s).clip(wanted)
 
 
 def failure_input(limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
@@ -141,14 +157,12 @@ class CommandHistory:
     def _driven(self, command: Command, speed_mps: float, step: int) -> Input:
         """What was driven before a step if this was the last command in time, sent at that speed.
 
-        At the first step without a command that is the last one's `then`, from there on or without it
-        braking: what the world does, and so exactly what was driven, up to the noise in the speed.
+        Without a command the world brakes the robot: exactly what was driven, up to the noise in the speed.
         """
-        driven, fallback = command.input, command.then
+        driven = command.input
         for _ in range(min(step - command.step - 1, LONGEST_BRAKING_STEPS)):
             speed_mps += self._step_s * driven.acceleration_mps2
-            braking = braking_input(self._limits, driven, speed_mps, self._step_s)
-            driven, fallback = Input(*fallback) if fallback else braking, None
+            driven = braking_input(self._limits, driven, speed_mps, self._step_s)
         return driven
 
     def _is_same(self, one: Input, other: Input) -> bool:

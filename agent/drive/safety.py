@@ -1,97 +1,46 @@
-"""When not to follow the plan: others do what nobody expects, or cannot be seen.
+"""When not to follow the plan: others do not keep to the reserve, or cannot be seen.
 
-Robots that agree pass one another closely and fast, and look like a danger long before they would have to
-brake. What tells an agreement from a fault is whether the other does what was expected of it. Of a robot that
-does not, nothing is assumed but that it goes on as it does, or that it brakes as hard as its limits allow.
+Of a robot that has crossed a line, nothing is assumed but that it goes on as it does, or that it brakes as
+hard as its limits allow.
 """
 
-import math
 
 import numpy as np
 
-from agent.remember.memory import MOST_CAUTION_M, Memory
+from agent.drive.reserve import braking_steps
+from agent.remember.memory import Memory
 from agent.solve.planning import Plan
-from agent.solve.prediction import Prediction
 from agent.solve.vehicle import Array, rollout, velocity
-from protocol.messages import Accuracy
 from protocol.scene import Scene
 from protocol.vehicle import Input, Limits, braking_input
 
-LOOK_BACK_STEPS = 2
-"""How old the expectation is that a robot is held against."""
-TOLERANCE_M = 0.1
-"""By how much a robot may be elsewhere than expected by the time that this one has come to a stand."""
-SIGMAS = 3.0
-DOUBTED_STEPS = 10
-"""For so long a robot is doubted that was once elsewhere than expected."""
-LONGEST_S = 10.0
-"""No braking is looked at for longer."""
 BLIND_STEPS = 5
 """For so long others are extrapolated; then the robot stops, if one of them could be in its way."""
 GONE_STEPS = 30
 """A robot that has not been seen for so long is taken to have left; then the way is free again."""
 
 
-class CollisionMonitor:
-    """The last resort: brakes where going on would end in a collision, whatever the optimiser thinks.
+class LastResort:
+    """Brakes where going on would end in a collision with a robot that is doubted.
 
     A robot brakes when, for another one that it doubts, three things are true if that one goes on or if it
     brakes: driven as planned, the collision distance is broken; so it is if one more step is driven and then
     braked; and braking at once keeps a greater distance. So it brakes as late as it can.
-
-    Attributes:
-        interventions: how often braking has begun so far.
     """
 
     def __init__(self, scene: Scene, robot: str) -> None:
         self._scene = scene
         self._robot = robot
         self._limits = scene.robot(robot).limits
-        self._expected: dict[int, dict[str, Array]] = {}
-        self._departed: dict[str, int] = {}
-        self._braking = False
-        self.interventions = 0
 
-    def watch(self, memory: Memory, prediction: Prediction | None, accuracy: Accuracy) -> None:
-        """Compare where the others are with what was expected, once a step.
-
-        The prediction of this step, if there is one, is held against them later.
-        """
-        step = memory.step
-        made = max((made for made in self._expected if made <= step - LOOK_BACK_STEPS), default=None)
-        if made is not None:
-            for robot in self._expected[made].keys() & set(memory.robots) - {self._robot}:
-                path = self._expected[made][robot][step - made : step - made + 2]
-                if len(path) == 2 and self._off_m(path, memory, robot, accuracy) > TOLERANCE_M:
-                    self._departed[robot] = step
-            self._expected = {each: paths for each, paths in self._expected.items() if each >= made}
-        if prediction is not None and prediction.solved:
-            self._expected[step] = prediction.paths
-
-    def must_brake(self, memory: Memory, plan: Plan, first: Input, previous: Input) -> bool:
-        """Whether to brake now instead of following the plan; counts when that begins.
+    def must_brake(
+        self, memory: Memory, doubted: list[str], plan: Plan, first: Input, previous: Input
+    ) -> bool:
+        """Whether to brake now instead of following the plan.
 
         ``first`` would be driven of the plan at this step, after the previous input.
         """
-        since = memory.step - DOUBTED_STEPS
-        doubted = [robot for robot in memory.robots if self._departed.get(robot, -math.inf) >= since]
-        must = bool(doubted) and self._is_danger(memory, doubted, plan, first, previous)
-        self.interventions += must and not self._braking
-        self._braking = must
-        return must
-
-    def _off_m(self, expected: Array, memory: Memory, robot: str, accuracy: Accuracy) -> float:
-        """How far a robot will be from where it was expected, beyond noise, when this one could have stopped.
-
-        ``expected`` are positions (2, 2) now and a step later.
-        """
-        state, own_speed_mps = memory.state(robot), float(memory.state(self._robot)[3])
-        stopping_s = abs(own_speed_mps) / self._limits.acceleration_mps2 + _ramp_s(self._limits)
-        expected_velocity = (expected[1] - expected[0]) / self._scene.step_s
-        off_mps = math.dist(expected_velocity, velocity(state))
-        off_m = math.dist(expected[0], state[:2]) + stopping_s * off_mps
-        noise_mps = accuracy.speed_mps + abs(float(state[3])) * accuracy.heading_rad
-        return off_m - SIGMAS * (accuracy.position_m + stopping_s * noise_mps)
+        return bool(doubted) and self._is_danger(memory, doubted, plan, first, previous)
 
     def _is_danger(
         self, memory: Memory, others: list[str], plan: Plan, first: Input, previous: Input
@@ -151,7 +100,7 @@ class Vigilance:
         own = memory.state(self._robot)
         apart = state[:2] - own[:2]
         distance_m = float(np.hypot(*apart))
-        safety_m = self._scene.safety_distance_m(self._robot, robot) + MOST_CAUTION_M
+        safety_m = self._scene.safety_distance_m(self._robot, robot) + memory.most_caution_m(robot)
         approaches = float((velocity(state) - velocity(own)) @ apart) < 0.0
         reach_m = self._stopping_m(self._robot, own) + self._stopping_m(robot, state)
         return distance_m < safety_m or (approaches and distance_m < safety_m + reach_m)
@@ -170,7 +119,7 @@ def _ramp_s(limits: Limits) -> float:
 def braking_path(state: Array, previous: Input, limits: Limits, step_s: float) -> Array:
     """States (n, 4), from the present one to the standstill that braking leads to."""
     inputs, speed = [], float(state[3])
-    for _ in range(math.ceil(LONGEST_S / step_s)):
+    for _ in range(braking_steps(limits, step_s)):
         previous = braking_input(limits, previous, speed, step_s)
         inputs.append(previous)
         speed += step_s * previous.acceleration_mps2

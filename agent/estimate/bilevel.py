@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.estimate.goals import ahead, goals_at, inside
+from agent.estimate.goals import first_guess, goals_at, inside, sigmas_of, way_m
 from agent.estimate.window import Window, WindowStarts, problem_from, window_of
 from agent.remember.memory import Memory
 from agent.solve import Deadline
@@ -26,19 +26,19 @@ from agent.solve.realtime.solver import RealTimeSolver, respond
 from agent.solve.vehicle import Array, rollout
 from protocol.scene import Area, Scene
 
-SIGMAS = np.array([0.05, 0.05, 0.1, 0.2])
-"""σ of p_x, p_y, ψ and v, in m, rad and m/s."""
-PULL_M = 2.0
-"""σ_L: how far from the last step's estimate the next one may well be."""
+SIGMAS = np.array([0.006, 0.006, 0.1, 0.045])
+"""σ of p_x, p_y, ψ and v, in parts of the robot's ``way_m``, rad and its top speed."""
+PULL = 0.23
+"""σ_L: how far from the last step's estimate the next one may well be, in parts of ``way_m``."""
 ITERATIONS = 4
 """Of the upper level, a step."""
-SETTLED_M = 0.02
-"""Less than this is no move."""
+SETTLED = 0.002
+"""Less than this part of ``way_m`` is no move."""
 UNEXPLAINED = 2.0
 """Misfit a number seen (half a square: 2σ) above which the present position is tried as a goal too. All goals
 far away make a robot that stands drive off in the same way, so that no derivative leads to where it is."""
-FIRST_DAMPING = 1e-2
-"""Of Levenberg–Marquardt, in m⁻²; a tenth after a step that helps, tenfold after one that does not."""
+FIRST_DAMPING = 0.75
+"""Of Levenberg–Marquardt, in one over the square of ``way_m``; a tenth after a step that helps, tenfold after one that does not."""
 SOLVER = RealTimeSolver(10, Deadline(lambda: 0.0, None))
 """Of the lower level: to convergence, which usually takes 1 to 4 iterations from the last solution, and no
 longer than 10. No estimate depends on the clock."""
@@ -77,7 +77,9 @@ class Bilevel:
 
     def _estimate_one(self, memory: Memory, robot: str) -> Array:
         """The position (2,) of a robot's goal."""
-        last = self._goals.get(robot, ahead(self._scene.area, memory.state(robot)))
+        last = self._goals.get(robot)
+        if last is None:
+            last = first_guess(self._scene, memory, robot)
         window = window_of(memory, [robot], self._scene)
         if window is None:
             return last
@@ -93,6 +95,8 @@ class ForwardProblem:
     def __init__(self, scene: Scene, memory: Memory, window: Window) -> None:
         self._scene = scene
         self.window = window
+        self.way_m = way_m(scene.robot(window.robots[0]).limits)
+        self._sigmas = sigmas_of(scene, window.robots, SIGMAS)[0]
         length, steps = window.states.shape[1], scene.horizons.prediction_steps
         self._others = {
             other: _path(memory.states(other, length + 1), length, steps, scene.step_s)
@@ -109,21 +113,23 @@ class ForwardProblem:
         problem, states = self.of(goal), self.window.states
         length = states.shape[1]
         response = respond(problem, SOLVER.solve(problem, start).start(), length)
-        missing = ((states - response.solution.states[:, 1 : length + 1]) / SIGMAS).ravel()
-        jacobian = (response.by_goal / SIGMAS).reshape(2, -1)
-        off = (goal - last) / PULL_M
+        missing = ((states - response.solution.states[:, 1 : length + 1]) / self._sigmas).ravel()
+        jacobian = (response.by_goal / self._sigmas).reshape(2, -1)
+        pull_m = PULL * self.way_m
+        off = (goal - last) / pull_m
         return Fit(
             goal,
             response.solution,
             misfit=float(0.5 * (missing @ missing + off @ off)),
-            gradient=off / PULL_M - jacobian @ missing,
-            curvature=jacobian @ jacobian.T + np.eye(2) / PULL_M**2,
+            gradient=off / pull_m - jacobian @ missing,
+            curvature=jacobian @ jacobian.T + np.eye(2) / pull_m**2,
         )
 
 
 def fitted(forward: ForwardProblem, last: Array, start: Start, area: Area) -> Fit:
     """The upper level: improve an estimate (2,) by Levenberg–Marquardt; not where it cannot be solved for."""
-    best, damping = forward.fit(last, start, last), FIRST_DAMPING
+    first_damping = FIRST_DAMPING / forward.way_m**2
+    best, damping = forward.fit(last, start, last), first_damping
     if not best.solution.solved:
         return best
     if best.misfit > UNEXPLAINED * forward.window.states.size:
@@ -132,13 +138,13 @@ def fitted(forward: ForwardProblem, last: Array, start: Start, area: Area) -> Fi
     for _ in range(ITERATIONS):
         change = np.linalg.solve(best.curvature + damping * np.eye(2), -best.gradient)
         there = inside(area, best.goal + change)
-        if np.linalg.norm(there - best.goal) < SETTLED_M:
+        if np.linalg.norm(there - best.goal) < SETTLED * forward.way_m:
             break
         tried = forward.fit(there, best.solution.start(), last)
         if tried.beats(best):
             best, damping = tried, 0.1 * damping
         else:
-            damping = 10.0 * max(damping, FIRST_DAMPING)
+            damping = 10.0 * max(damping, first_damping)
     return best
 
 

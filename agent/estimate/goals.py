@@ -1,6 +1,7 @@
 """What goal estimators give, and the simple ones: goals exchanged, unasked, or where speeding up leads."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -9,12 +10,7 @@ from agent.remember.memory import Memory
 from agent.solve.compiled import kernel
 from agent.solve.vehicle import Array
 from protocol.scene import Area, Goal, Scene
-from protocol.vehicle import nearest_turn
-
-AHEAD_M = 8.0
-"""At first, a goal is thought to lie so far ahead of its robot,"""
-AHEAD_SIGMA_M = 4.0
-"""give or take so much."""
+from protocol.vehicle import Limits, nearest_turn
 
 
 class GoalEstimator(Protocol):
@@ -93,9 +89,54 @@ def goal_inside(area: Area, pose: Array) -> Array:
     return np.array([x, y, pose[2], 0.0])
 
 
-def ahead(area: Area, state: Array) -> Array:
-    """The position (2,) straight ahead, inside the area, where a goal is first thought to lie."""
-    return inside(area, state[:2] + AHEAD_M * np.array([np.cos(state[2]), np.sin(state[2])]))
+def way_m(limits: Limits) -> float:
+    """On which a robot just reaches its top speed and comes to a stand again: v²/a + v a/j.
+
+    The length by which estimators measure what one robot does.
+    """
+    speed, acceleration = limits.speed_mps, limits.acceleration_mps2
+    return speed**2 / acceleration + speed * acceleration / limits.jerk_mps3
+
+
+def sigmas_of(scene: Scene, robots: Sequence[str], parts: Array) -> Array:
+    """σ of (p_x, p_y, ψ, v) of robots, shape (N, 4), from parts (4,) of their way, of a radian and top speed."""
+    every = [scene.robot(robot).limits for robot in robots]
+    return np.array([[way_m(each), way_m(each), 1.0, each.speed_mps] for each in every]) * parts
+
+
+def first_guess(scene: Scene, memory: Memory, robot: str) -> Array:
+    """The position (2,), inside the area, where a goal is thought to lie at first: ahead on the robot's course.
+
+    That far away that it just reaches its top speed on the way; but if it would park there on the course of
+    somebody else, it is thought to go on for the whole horizon.
+    """
+    way = way_m(scene.robot(robot).limits)
+    near = _on_course(scene, memory, robot, way)
+    for other in memory.robots:
+        if other != robot:
+            begin, end = memory.state(other)[:2], _on_course(scene, memory, other, _horizon_m(scene, other))
+            if _distance_m(near, begin, end) < scene.collision_distance_m(robot, other):
+                return _on_course(scene, memory, robot, max(way, _horizon_m(scene, robot)))
+    return near
+
+
+def _horizon_m(scene: Scene, robot: str) -> float:
+    """How far a robot gets within the horizon at most."""
+    return scene.robot(robot).limits.speed_mps * scene.horizons.prediction_steps * scene.step_s
+
+
+def _on_course(scene: Scene, memory: Memory, robot: str, ahead_m: float) -> Array:
+    """The position (2,) so far straight ahead of a robot, inside the area."""
+    x, y, heading, _ = memory.state(robot)
+    return inside(scene.area, np.array([x + ahead_m * math.cos(heading), y + ahead_m * math.sin(heading)]))
+
+
+def _distance_m(point: Array, begin: Array, end: Array) -> float:
+    """Of a point (2,) from a stretch between two others."""
+    way = end - begin
+    length_squared = float(way @ way)
+    part = min(max(float((point - begin) @ way) / length_squared, 0.0), 1.0) if length_squared else 0.0
+    return float(np.hypot(*(point - begin - part * way)))
 
 
 def inside(area: Area, position: Array) -> Array:

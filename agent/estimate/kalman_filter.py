@@ -18,7 +18,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agent.estimate.goals import AHEAD_SIGMA_M, ahead, goals_at, inside
+from agent.estimate.goals import first_guess, goals_at, inside, sigmas_of, way_m
 from agent.estimate.window import Window, WindowStarts, problem_from, window_of
 from agent.remember.memory import Memory
 from agent.solve.problem import JointProblem, Solution, Start
@@ -51,11 +51,13 @@ def updated(points: Array, images: Array, observed: Array, variances: Array) -> 
     return points[0] + gain @ (observed - expected), 0.5 * (covariance + covariance.T)
 
 
-SIGMAS = np.array([0.1, 0.1, 0.2, 0.4])
-"""σ of p_x, p_y, ψ and v, in m, rad and m/s: how well the model brings a robot to where it is.
+SIGMAS = np.array([0.012, 0.012, 0.2, 0.09])
+"""σ of p_x, p_y, ψ and v, in parts of ``way_m``, rad and of top speed: how well the model brings a robot to where it is.
 Looks back overlap, so that one wrong prediction counts several times: half of this was too little."""
-WALK_M = 0.1
-"""Standard deviation of a goal's random walk in one step."""
+WALK = 0.012
+"""Standard deviation of a goal's random walk in one step, in parts of ``way_m``."""
+GUESSED = 0.5
+"""That of the first guess."""
 ROUNDS = 2
 """Iterations a step of the solution for the mean,"""
 COLD_ROUNDS = 4
@@ -78,7 +80,7 @@ class KalmanFilter:
     def estimate(self, memory: Memory) -> dict[str, Array]:
         """See :class:`agent.estimate.goals.GoalEstimator`."""
         self._keep_to(memory)
-        self._covariance += WALK_M**2 * np.eye(len(self._mean))
+        self._covariance += np.diag(self._variances(WALK))
         window = window_of(memory, self._robots, self._scene)
         if window:
             self._measure(window)
@@ -91,12 +93,18 @@ class KalmanFilter:
         if robots == last:
             return
         old = [robot for robot in robots if robot in last]
-        mean = np.array([ahead(self._scene.area, memory.state(robot)) for robot in robots])
-        covariance = AHEAD_SIGMA_M**2 * np.eye(mean.size)
+        mean = np.array([first_guess(self._scene, memory, robot) for robot in robots])
+        self._robots = robots
+        covariance = np.diag(self._variances(GUESSED))
         here, there = _places(robots, old), _places(last, old)
         mean.reshape(-1)[here] = self._mean[there]
         covariance[np.ix_(here, here)] = self._covariance[np.ix_(there, there)]
-        self._robots, self._mean, self._covariance = robots, mean.ravel(), covariance
+        self._mean, self._covariance = mean.ravel(), covariance
+
+    def _variances(self, part: float) -> Array:
+        """Of the positions of all goals, shape (2N,), for a part of each robot's ``way_m``."""
+        ways = [way_m(self._scene.robot(robot).limits) for robot in self._robots]
+        return np.repeat(np.square(part * np.array(ways)), 2)
 
     def _measure(self, window: Window) -> None:
         """Update by where robots are at the end of a window.
@@ -119,7 +127,7 @@ class KalmanFilter:
             self._starts.keep(window, solutions[-1])  # which is not solved, so the next one starts cold
             return
         images = np.array([each.states[:, window.states.shape[1]].ravel() for each in solutions])
-        variances = np.tile(SIGMAS**2, len(self._robots))
+        variances = sigmas_of(self._scene, self._robots, SIGMAS).ravel() ** 2
         mean, self._covariance = updated(points, images, window.states[:, -1].ravel(), variances)
         self._mean = np.array([inside(self._scene.area, goal) for goal in mean.reshape(-1, 2)]).ravel()
         self._starts.keep(window, central)

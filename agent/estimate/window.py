@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.remember.memory import Memory
-from agent.solve.multistart import WarmStarts
 from agent.solve.problem import JointProblem, Solution, Start, joint_problem
+from agent.solve.starts import WarmStarts
 from agent.solve.vehicle import Array, recovered_inputs
 from protocol.scene import Scene
 from protocol.vehicle import STANDSTILL, Input
@@ -81,15 +81,12 @@ class WindowStarts:
     def start(self, problem: JointProblem, window: Window) -> Start:
         """What was driven and, from the present on, the last solution."""
         if window.step < self._step:  # a robot that was seen only briefly has gone
-            self._starts.forget()
-        start = self._starts.starts(problem, window.robots, max(window.step - self._step, 0))[0]
+            self._starts = WarmStarts()
+        start = self._starts.start(problem, window.robots, max(window.step - self._step, 0))
         self._step = window.step
         start.inputs[:, : window.inputs.shape[1]] = window.inputs
         return start
 
     def keep(self, window: Window, solution: Solution) -> None:
         """Remember the solution for that window; where it is not solved, start cold next time."""
-        if solution.solved:
-            self._starts.keep(window.robots, solution)
-        else:
-            self._starts.forget()
+        self._starts.keep(window.robots, solution)

@@ -20,8 +20,8 @@ INPUT_ACCURACY = 0.01
 """σ of an input that is known because it was commanded, relative to its limit."""
 LONGEST_GAP = 10
 """Steps for which an unseen robot is taken to go on as it was; after that it counts as gone."""
-MOST_CAUTION_M = 0.5
-"""A robot that nobody sees may be anywhere; more distance than this would only block the way."""
+MOST_CAUTIOUS_STEPS = 6
+"""A robot that nobody sees may be anywhere; after so many steps more distance would only block the way."""
 
 
 class Track:
@@ -52,6 +52,11 @@ class Track:
     def is_exact(self) -> bool:
         """Whether the last measurement was."""
         return not self._sigmas[-1, :4].any()
+
+    @property
+    def sigma_m(self) -> float:
+        """σ of the position in the last measurement."""
+        return float(self._sigmas[-1, :2].max())
 
     @property
     def saw_step_before(self) -> bool:
@@ -219,13 +224,19 @@ class Memory:
 
     def caution_m(self, robot: str) -> float:
         """How far a robot may be from where it is taken to be, had it accelerated since it was seen."""
-        unseen_s = self.unseen_steps(robot) * self._step_s
-        return min(self._limits_of(robot).acceleration_mps2 * unseen_s**2 / 2.0, MOST_CAUTION_M)
+        return self._accelerated_m(robot, min(self.unseen_steps(robot), MOST_CAUTIOUS_STEPS))
+
+    def most_caution_m(self, robot: str) -> float:
+        """The highest value of :meth:`caution_m`."""
+        return self._accelerated_m(robot, MOST_CAUTIOUS_STEPS)
+
+    def _accelerated_m(self, robot: str, steps: int) -> float:
+        return self._limits_of(robot).acceleration_mps2 * (steps * self._step_s) ** 2 / 2.0
+
+    def sigma_m(self, robot: str) -> float:
+        """σ of the position at which a robot was last seen."""
+        return self._tracks[robot].sigma_m
 
     def is_exact(self, robot: str) -> bool:
         """Whether a robot was last seen without noise."""
         return self._tracks[robot].is_exact
-
-    def is_certain(self, robot: str) -> bool:
-        """Whether a robot's present state was seen, and without noise: then all others may see the same."""
-        return self.is_exact(robot) and not self.unseen_steps(robot)

@@ -12,10 +12,9 @@ from protocol.messages import Accuracy, Observation, State
 from protocol.scene import Goal, Scene
 from protocol.vehicle import Input, Limits, has_arrived
 
-MARGIN_M = 0.1
-"""By how much a position may be off what the limits allow: no vehicle is driven in exact Euler steps."""
-MARGIN_RAD = 0.05
-MARGIN_MPS = 0.1
+MISMATCH = 1 / 3
+"""By what part of a step's change headings and speeds may be off what the limits allow, and positions by all
+that limits allow within a step beside straight on: no vehicle is driven in exact Euler steps."""
 SIGMAS = 5.0
 REACQUIRED_AFTER = 3
 """So many sightings in a row that fit one another are believed, although they do not fit those before."""
@@ -71,13 +70,15 @@ class Gate:
         limits, time_s = self._limits_of(robot), (after.step - before.step) * self._step_s
         one, two = before.state, after.state
         speed_sigma, turn_sigma = SIGMAS * accuracy.speed_mps, SIGMAS * accuracy.heading_rad
-        if abs(two.speed_mps) > limits.speed_mps + MARGIN_MPS + speed_sigma:
+        margin_mps = MISMATCH * limits.acceleration_mps2 * self._step_s
+        margin_rad = MISMATCH * limits.turn_rate_radps * self._step_s
+        if abs(two.speed_mps) > limits.speed_mps + margin_mps + speed_sigma:
             return False
-        speed_change = abs(two.speed_mps - one.speed_mps) - MARGIN_MPS - 1.5 * speed_sigma
+        speed_change = abs(two.speed_mps - one.speed_mps) - margin_mps - 1.5 * speed_sigma
         if speed_change > limits.acceleration_mps2 * time_s:
             return False
         turned = abs(math.remainder(two.heading_rad - one.heading_rad, math.tau))
-        if turned - MARGIN_RAD - 1.5 * turn_sigma > limits.turn_rate_radps * time_s:
+        if turned - margin_rad - 1.5 * turn_sigma > limits.turn_rate_radps * time_s:
             return False
         return self._off_m(before, after, time_s) <= self._allowed_m(limits, one, time_s, accuracy)
 
@@ -95,7 +96,13 @@ class Gate:
         sped_m = limits.acceleration_mps2 * time_s**2 / 2.0
         swerved_m = (abs(state.speed_mps) * time_s + sped_m) * turned / 2.0
         noise_mps = accuracy.speed_mps + abs(state.speed_mps) * accuracy.heading_rad
-        return MARGIN_M + sped_m + swerved_m + SIGMAS * (1.5 * accuracy.position_m + time_s * noise_mps)
+        beside_mps = self._step_s * (limits.acceleration_mps2 + limits.speed_mps * limits.turn_rate_radps)
+        return (
+            self._step_s * beside_mps
+            + sped_m
+            + swerved_m
+            + SIGMAS * (1.5 * accuracy.position_m + time_s * noise_mps)
+        )
 
 
 class Perception:

@@ -7,16 +7,14 @@ import numpy as np
 
 from agent.remember.memory import Memory
 from agent.solve import Deadline
-from agent.solve.multistart import WarmStarts, best_solution, cold_starts
-from agent.solve.problem import JointProblem, JointSolver, Start, joint_problem
+from agent.solve.problem import JointSolver, Start, joint_problem
+from agent.solve.sides import Sides, agreed_sides
+from agent.solve.starts import Alone, WarmStarts, cold_start, solve_well
 from agent.solve.vehicle import Array
 from protocol.scene import Scene
 
 PathModel = Callable[[Memory, str], Array]
 """Positions (K + 1, 2) of one robot at the present and the next K stages."""
-
-RETRY_STEPS = 2
-"""Where robots may see differently, a cold start is tried every so many steps, each of them in turn."""
 
 
 @dataclass(frozen=True)
@@ -31,56 +29,55 @@ class Prediction:
     """Where the planning of a robot that is not parked may start: from its own part of the prediction."""
     states: dict[str, Array]
     """States (K + 1, 4) of every robot that is not parked."""
+    sides: Sides
+    """On which sides pairs pass one another, where that is agreed."""
     solved: bool
 
 
 class Predictor:
-    """Predicts all robots jointly, each time from the last prediction."""
+    """Predicts all robots jointly, each time from the last prediction, and all on the sides agreed on."""
 
     def __init__(self, scene: Scene, solver: JointSolver, deadline: Deadline) -> None:
         self._scene = scene
         self._solver = solver
         self._deadline = deadline
         self._starts = WarmStarts()
+        self._alone = Alone(solver)
 
     def predict(self, memory: Memory, goals: Mapping[str, Array], parked: Collection[str]) -> Prediction:
         """Solve eq. 7 for all robots in memory; those known to be parked stay where they are."""
-        stages = self._scene.horizons.prediction_steps + 1
+        scene, present = self._scene, memory.present()
+        stages = scene.horizons.prediction_steps + 1
         resting = {
             robot: np.tile(memory.state(robot)[:2], (stages, 1)) for robot in memory.robots if robot in parked
         }
         free = {robot: goals[robot] for robot in memory.robots if robot not in parked}
         inputs = {robot: memory.previous_input(robot) for robot in free}
-        problem = joint_problem(self._scene, memory.present(), free, resting, inputs)
-        starts = self._starts.starts(problem, list(free))
-        if len(starts) == 1 and not all(map(memory.is_certain, free)):
-            starts += another_start(problem, memory.step)
-        solution = best_solution(self._solver, problem, starts, self._deadline)
-        if solution.solved:
-            self._starts.keep(list(free), solution)
-        else:
-            self._starts.forget()
+        alone = self._alone.drive(
+            {
+                robot: joint_problem(scene, present, {robot: goal}, {}, {robot: inputs[robot]})
+                for robot, goal in free.items()
+            }
+        )
+        ways = {robot: each.states[0, :, :2] for robot, each in alone.items()} | resting
+        sides = agreed_sides(scene, ways, {robot: memory.sigma_m(robot) for robot in ways})
+        problem = joint_problem(scene, present, free, resting, inputs, sides=sides)
+
+        def as_if_alone() -> Start:
+            return cold_start(problem, np.array([each.inputs[0] for each in alone.values()]))
+
+        start = self._starts.start(problem, list(free), otherwise=as_if_alone)
+        solution = solve_well(self._solver, problem, start, as_if_alone, self._deadline)
+        self._starts.keep(list(free), solution)
         moving = dict(zip(free, solution.states, strict=True))
         return Prediction(
             paths={robot: states[:, :2] for robot, states in moving.items()} | resting,
             inputs=dict(zip(free, solution.inputs, strict=True)),
             starts={robot: solution.start(slice(index, index + 1)) for index, robot in enumerate(free)},
             states=moving,
+            sides=sides,
             solved=solution.solved,
         )
-
-
-def another_start(problem: JointProblem, step: int) -> list[Start]:
-    """Where else to look for a prediction when robots may see differently: at some steps a cold start.
-
-    They may begin with different ideas of who passes whom on which side, and from its last solution each
-    would hold on to its own, up to a collision. All try the same start at the same step.
-    """
-    turn, rest = divmod(step, RETRY_STEPS)
-    if rest:
-        return []
-    starts = cold_starts(problem)
-    return [starts[turn % len(starts)]]
 
 
 class IndependentPredictor:
@@ -97,4 +94,4 @@ class IndependentPredictor:
         """The paths of the others; neither goals nor who is parked are known to these models."""
         others = [robot for robot in memory.robots if robot != self._robot]
         paths = {robot: self._path(memory, robot) for robot in others}
-        return Prediction(paths=paths, inputs={}, starts={}, states={}, solved=True)
+        return Prediction(paths=paths, inputs={}, starts={}, states={}, sides={}, solved=True)

@@ -22,9 +22,10 @@ FIRST_FREE_STAGE = 2
 LIMITED_QUANTITIES = 5
 """A vehicle's limits a stage: turn rate, acceleration, the changes of both, and speed."""
 
-PRICE_PER_M = 2e3
-"""Of a violated metre of distance or area. It is above the multipliers of crossings, so that distances are
-kept exactly wherever they can be, and not far above: what a wrong prediction took is not won back at any
+PRICE = 4.0
+"""Of a violated metre, in what a metre is worth to the robot furthest from its goal, over the whole horizon.
+Above one it exceeds the multipliers of single rows, so that distances are kept exactly wherever they can be;
+several rows share a robot's way. It is not far above: what a wrong prediction took is not won back at any
 cost."""
 
 
@@ -48,6 +49,9 @@ class JointProblem:
     """Positions of obstacles at the present and the next K stages, shape (O, K + 1, 2)."""
     safety_distances: Array
     """d of eq. 10 between each robot and each robot, then each obstacle, shape (M, M + O)."""
+    sides: Array
+    """On which side each robot is to pass each robot, then each obstacle, shape (M, M + O): the way from the
+    one to the other turns anticlockwise for 1.0 and clockwise for −1.0; 0.0 leaves it open."""
     area: Array
     """Lower and upper corner of the drivable rectangle, shape (2, 2)."""
     weights: Array
@@ -73,6 +77,17 @@ class JointProblem:
         """Largest |v|, shape (M,)."""
         return np.array([each.speed_mps for each in self.limits])
 
+    @cached_property
+    def size_m(self) -> float:
+        """The largest safety distance of two of these robots: the length by which others are measured."""
+        return float(np.diagonal(self.safety_distances).max())
+
+    @cached_property
+    def price_per_m(self) -> float:
+        """Of a violated metre of distance, agreed side or area: ``PRICE`` times 2 K q (‖p − L‖ + d)."""
+        way_m = np.linalg.norm(self.states[:, :2] - self.goals[:, :2], axis=1).max() + self.size_m
+        return float(PRICE * 2.0 * self.steps * self.weights[:2].max() * way_m)
+
     def rollout(self, inputs: Array) -> Array:
         """States (M, K + 1, 4) that follow from inputs (M, K, 2)."""
         return rollout(self.states, inputs, self.step_s)
@@ -82,11 +97,18 @@ class JointProblem:
         return float(np.sum(self.weights * (states - self.goals[:, None]) ** 2))
 
     def violation_m(self, states: Array) -> float:
-        """Largest shortfall of a safety distance that inputs could still influence, in m."""
-        positions = states[:, FIRST_FREE_STAGE:, :2]
-        everybody = np.concatenate([positions, self.obstacles[:, FIRST_FREE_STAGE:]])
-        gaps = np.linalg.norm(positions[:, None] - everybody[None], axis=-1)
-        shortfall = self.safety_distances[:, :, None] - gaps
+        """Largest shortfall of a safety distance, or of the agreed side, that inputs could still influence."""
+        positions = states[:, :, :2]
+        everybody = np.concatenate([positions, self.obstacles])
+        ways = positions[:, None] - everybody[None]
+        gaps, distances = np.linalg.norm(ways, axis=-1), self.safety_distances[:, :, None]
+        sight = ways[:, :, :1] / np.maximum(gaps[:, :, :1, None], 1e-300)
+        along = np.abs((ways * sight).sum(axis=-1))
+        across = self.sides[:, :, None] * (sight[..., 0] * ways[..., 1] - sight[..., 1] * ways[..., 0])
+        beside = np.sqrt(np.maximum(distances**2 - along**2, 0.0))
+        wrong = (self.sides[:, :, None] != 0.0) & ((across < 0.0) | (gaps < distances))
+        turned = np.where(along < distances, (along**2 + beside * across) / distances, along)
+        shortfall = (distances - np.where(wrong, turned, gaps))[:, :, FIRST_FREE_STAGE:]
         count = len(positions)
         shortfall[np.arange(count), np.arange(count)] = 0.0
         return float(max(shortfall.max(initial=0.0), 0.0))
@@ -99,6 +121,7 @@ def joint_problem(
     paths: Mapping[str, Array],
     inputs: Mapping[str, Input],
     cautions_m: Mapping[str, float] = {},
+    sides: Mapping[tuple[str, str], float] = {},
 ) -> JointProblem:
     """The problem of the robots with goal states (4,), among others on known paths (K + 1, 2).
 
@@ -109,6 +132,7 @@ def joint_problem(
         paths: of the others.
         inputs: the last ones of the free robots.
         cautions_m: how much more than the safety distance to keep from some of the others.
+        sides: on which side pairs are to pass one another, where that is agreed.
     """
     steps = scene.horizons.prediction_steps
     robots = list(goals)
@@ -121,6 +145,7 @@ def joint_problem(
         limits=tuple(scene.robot(robot).limits for robot in robots),
         obstacles=np.array(list(paths.values())).reshape(-1, steps + 1, 2),
         safety_distances=distances_m,
+        sides=np.array([[sides.get((one, other), 0.0) for other in (*robots, *paths)] for one in robots]),
         area=np.array([[scene.area.x_min_m, scene.area.y_min_m], [scene.area.x_max_m, scene.area.y_max_m]]),
         weights=np.array(scene.weights.as_tuple()),
         steps=steps,

@@ -8,7 +8,7 @@ from agent.solve.compiled import kernel
 from agent.solve.realtime.profiles import pull_back
 from agent.solve.vehicle import Array
 
-LEAST_CURVATURE = 1e-4
+LEAST_CURVATURE = 5e-5
 """Smallest eigenvalue of the part of the Hessian that belongs to a stage's heading and speed."""
 
 

@@ -2,6 +2,10 @@
 
 A row concerns a robot at a stage and either a second robot or something that does not give way: an obstacle
 or a side of the area. All of them are soft, with an exact L1 penalty.
+
+Where it is agreed on which side a pair passes, the other side counts as violated: seen along the present line
+of sight, whoever is not past the other yet has to be beside it on the agreed side. So the rows of a pair lead
+to that side from wherever a trajectory begins, and a solution without violations passes there.
 """
 
 import math
@@ -32,13 +36,14 @@ class Rows(NamedTuple):
 
 
 @kernel
-def rows_about(states: Array, obstacles: Array, safety_distances: Array, area: Array) -> Rows:
+def rows_about(states: Array, obstacles: Array, safety_distances: Array, sides: Array, area: Array) -> Rows:
     """All rows of all stages that inputs can still influence.
 
     Args:
         states: shape (M, K + 1, 4).
         obstacles: positions, shape (O, K + 1, 2).
         safety_distances: shape (M, M + O).
+        sides: shape (M, M + O); see ``JointProblem``.
         area: lower and upper corner, shape (2, 2).
     """
     robots, stages = states.shape[:2]
@@ -55,10 +60,22 @@ def rows_about(states: Array, obstacles: Array, safety_distances: Array, area: A
     for k in range(FIRST_FREE_STAGE, stages):
         for i in range(robots):
             for j in range(i + 1, robots):
-                _set(rows, at, i, j, k, states[i, k], states[j, k], safety_distances[i, j])
+                rows.robots[at, 0], rows.robots[at, 1], rows.stage[at] = i, j, k
+                rows.normal[at, 0], rows.normal[at, 1], rows.gap[at] = _parted(
+                    states[i, 0],
+                    states[j, 0],
+                    states[i, k],
+                    states[j, k],
+                    safety_distances[i, j],
+                    sides[i, j],
+                )
                 at += 1
             for o in range(len(obstacles)):
-                _set(rows, at, i, NOBODY, k, states[i, k], obstacles[o, k], safety_distances[i, robots + o])
+                rows.robots[at, 0], rows.robots[at, 1], rows.stage[at] = i, NOBODY, k
+                distance, side = safety_distances[i, robots + o], sides[i, robots + o]
+                rows.normal[at, 0], rows.normal[at, 1], rows.gap[at] = _parted(
+                    states[i, 0], obstacles[o, 0], states[i, k], obstacles[o, k], distance, side
+                )
                 at += 1
             for axis in range(2):
                 for side in range(2):
@@ -71,38 +88,41 @@ def rows_about(states: Array, obstacles: Array, safety_distances: Array, area: A
 
 
 @kernel
-def _set(rows: Rows, at: int, i: int, j: int, k: int, here: Array, there: Array, distance: float) -> None:
+def _parted(
+    here_now: Array, there_now: Array, here: Array, there: Array, distance: float, side: float
+) -> tuple[float, float, float]:
+    """The normal towards the first of a pair, and the gap, at a stage with these positions.
+
+    ``side`` is as in ``JointProblem``; zero, or two robots that are in one place now, leave both sides free.
+    """
     x, y = here[0] - there[0], here[1] - there[1]
     length = math.sqrt(x * x + y * y)
-    rows.robots[at, 0], rows.robots[at, 1], rows.stage[at] = i, j, k
+    sight_x, sight_y = here_now[0] - there_now[0], here_now[1] - there_now[1]
+    sight = math.sqrt(sight_x * sight_x + sight_y * sight_y)
+    if side != 0.0 and sight > 0.0:
+        sight_x, sight_y = sight_x / sight, sight_y / sight
+        along, across = x * sight_x + y * sight_y, side * (sight_x * y - sight_y * x)
+        if across < 0.0 or length < distance:
+            if abs(along) >= distance:
+                sign = math.copysign(1.0, along)
+                return sign * sight_x, sign * sight_y, abs(along) - distance
+            beside = math.sqrt(distance * distance - along * along)
+            normal_x = (along * sight_x - side * beside * sight_y) / distance
+            normal_y = (along * sight_y + side * beside * sight_x) / distance
+            return normal_x, normal_y, normal_x * x + normal_y * y - distance
     if length > 0.0:
-        rows.normal[at, 0], rows.normal[at, 1] = x / length, y / length
-    else:  # two robots in one place: any direction, the same for all who compute it
-        rows.normal[at, 0], rows.normal[at, 1] = 1.0, 0.0
-    rows.gap[at] = length - distance
+        return x / length, y / length, length - distance
+    return 1.0, 0.0, -distance  # two robots in one place: any direction, the same for all who compute it
 
 
 @kernel
 def violations_of(
-    states: Array, obstacles: Array, safety_distances: Array, area: Array
+    states: Array, obstacles: Array, safety_distances: Array, sides: Array, area: Array
 ) -> tuple[float, float]:
     """Sum and largest of all shortfalls of distances and all excursions from the area, in m."""
-    robots, stages = states.shape[:2]
     total, largest = 0.0, 0.0
-    for k in range(FIRST_FREE_STAGE, stages):
-        for i in range(robots):
-            x, y = states[i, k, 0], states[i, k, 1]
-            for j in range(i + 1, robots):
-                gap = math.sqrt((x - states[j, k, 0]) ** 2 + (y - states[j, k, 1]) ** 2)
-                short = max(safety_distances[i, j] - gap, 0.0)
-                total, largest = total + short, max(largest, short)
-            for o in range(len(obstacles)):
-                gap = math.sqrt((x - obstacles[o, k, 0]) ** 2 + (y - obstacles[o, k, 1]) ** 2)
-                short = max(safety_distances[i, robots + o] - gap, 0.0)
-                total, largest = total + short, max(largest, short)
-            for axis in range(2):
-                outside = max(area[0, axis] - states[i, k, axis], states[i, k, axis] - area[1, axis], 0.0)
-                total, largest = total + outside, max(largest, outside)
+    for gap in rows_about(states, obstacles, safety_distances, sides, area).gap:
+        total, largest = total + max(-gap, 0.0), max(largest, -gap)
     return total, largest
 
 

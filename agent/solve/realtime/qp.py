@@ -26,21 +26,21 @@ from agent.solve.realtime.kkt import (
 from agent.solve.realtime.profiles import displacements
 from agent.solve.vehicle import Array, Booleans, Integers
 
-NEAR_M = 0.05
-"""Rows with a smaller gap are active from the beginning."""
-TIGHT_M = 0.02
+NEAR = 0.04
+"""Rows with a smaller gap, in safety distances as all lengths here, are active from the beginning."""
+TIGHT = 0.015
 """Rows whose linearised gap falls below this during the iterations become active; of the rows of one pair of
 robots, those that are worse than the worst by no more than this."""
 TO_BOUNDARY = 0.995
 """Part of the way to the nearest bound that a step may go."""
-FIRST_MEAN = 2.0
+FIRST_MEAN = 1.0
 """Product of each slack and its multiplier at the beginning: less is faster where little changes, and much
 slower where much does."""
-FIRST_MEAN_PER_M = 1e3
-"""The same for each metre by which a row is violated: its multiplier may have to grow as large as ρ."""
+FIRST_MEAN_PER_LENGTH = 700.0
+"""The same for each length by which a row is violated: its multiplier may have to grow as large as ρ."""
 LEAST_SLACK = 0.2
 """Of a limit at the beginning, relative to the size of its interval, where no multiplier is expected."""
-LEAST_GAP_M = 0.1
+LEAST_GAP = 0.07
 """Slack of a row at its beginning."""
 MOST_ITERATIONS = 200
 MOST_ROWS_A_ROBOT = 32
@@ -96,7 +96,7 @@ def solve_program(program: Program, limit_multipliers: Array, tolerance: float) 
         find_step(program, iterate, count, system, mean * (after / mean) ** 3, True, step)
         length = min(1.0, TO_BOUNDARY * _longest_length(program, iterate, system, step, count))
         _advance(iterate, step, count, length)
-        count = _activate(program, iterate, system.active, is_active, count, TIGHT_M, mean)
+        count = _activate(program, iterate, system.active, is_active, count, TIGHT, mean)
     forces = np.zeros((robots, size // 2 + 1, 2))
     add_forces(program.rows, system.active[:count], iterate.row_multiplier, forces)
     largest = 0.0
@@ -121,7 +121,7 @@ def _begin(
     """Begin near the central path: with the expected multipliers, and products of at least a first mean."""
     mean = FIRST_MEAN
     for gap in program.rows.gap:
-        mean = max(mean, -FIRST_MEAN_PER_M * gap)
+        mean = max(mean, -FIRST_MEAN_PER_LENGTH * gap)
     for robot in range(len(program.low)):
         for row in range(program.low.shape[1]):
             low, high = program.low[robot, row], program.high[robot, row]
@@ -131,7 +131,7 @@ def _begin(
                 multiplier = max(limit_multipliers[side, robot, row], mean / max(gap, least))
                 iterate.limit_multiplier[side, robot, row] = multiplier
                 iterate.limit_slack[side, robot, row] = max(gap, mean / multiplier)
-    return _activate(program, iterate, active, is_active, 0, NEAR_M, mean)
+    return _activate(program, iterate, active, is_active, 0, NEAR, mean)
 
 
 @kernel
@@ -156,7 +156,7 @@ def _activate(
             # What is not a number becomes active too, and ends the iterations.
             if not (gaps[row] >= limit or is_active[row]) and count < len(iterate.row_multiplier):
                 is_active[row] = True
-                slack = max(gaps[row], LEAST_GAP_M)
+                slack = max(gaps[row], LEAST_GAP)
                 multiplier = min(max(mean / slack, _expected_multiplier(program, row)), 0.5 * program.penalty)
                 active[count] = row
                 iterate.row_slack[count] = max(gaps[row], mean / multiplier)
@@ -175,7 +175,7 @@ def _activation_gap(gaps: Array, is_active: Booleans, pair: int, each: int, thre
     limit = threshold
     for row in range(pair, len(gaps), each):
         if not is_active[row]:
-            limit = min(limit, gaps[row] + TIGHT_M)
+            limit = min(limit, gaps[row] + TIGHT)
     return limit
 
 

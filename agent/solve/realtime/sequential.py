@@ -22,8 +22,8 @@ from agent.solve.vehicle import Array
 
 SUFFICIENT = 1e-4
 """Part of the predicted decrease that a step must bring (Armijo)."""
-LEAST_PRICE = 10.0
-"""Of a violated metre in the merit, where no row pushes."""
+LEAST_PRICE = 7.0
+"""Of a violated length in the merit, where no row pushes."""
 SHORTEST = 1e-3
 """Shorter steps are not tried."""
 
@@ -38,6 +38,7 @@ class Data(NamedTuple):
     speed_bounds: Array
     obstacles: Array
     safety_distances: Array
+    sides: Array
     area: Array
     weights: Array
     step_s: float
@@ -83,7 +84,7 @@ def program_about(data: Data, states: Array, forces: Array, penalty: float) -> P
         jacobian,
         low,
         high,
-        rows_about(states, data.obstacles, data.safety_distances, data.area),
+        rows_about(states, data.obstacles, data.safety_distances, data.sides, data.area),
         forces,
         penalty,
         data.step_s,
@@ -93,7 +94,7 @@ def program_about(data: Data, states: Array, forces: Array, penalty: float) -> P
 @kernel
 def merit_of(data: Data, states: Array, price: float) -> float:
     """Cost plus the price of all violations a metre."""
-    violation, _ = violations_of(states, data.obstacles, data.safety_distances, data.area)
+    violation, _ = violations_of(states, data.obstacles, data.safety_distances, data.sides, data.area)
     return cost_of(states, data.goals, data.weights) + price * violation
 
 
@@ -138,7 +139,7 @@ def _followed(data: Data, program: Program, states: Array, outcome: Outcome) -> 
     more, since a higher price shortens steps along curved boundaries.
     """
     price = LEAST_PRICE + 2.0 * outcome.largest_multiplier
-    violation, _ = violations_of(states, data.obstacles, data.safety_distances, data.area)
+    violation, _ = violations_of(states, data.obstacles, data.safety_distances, data.sides, data.area)
     merit = cost_of(states, data.goals, data.weights) + price * violation
     increase, left = _modelled(program, outcome.change)
     promised = price * (violation - left) - increase

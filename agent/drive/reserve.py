@@ -1,0 +1,306 @@
+"""The reserve: a robot does only what leaves every obeying pair able to brake clear of each other.
+
+A robot's *contingency* is how it brakes from its present state after its last input. Everybody can compute
+everybody's from what is seen. Where the contingencies of a pair are apart, a line between them at every stage
+parts what each may use, and a command is allowed if the contingency after it keeps to the own side of all
+lines. Braking does, so there always is one; and if both keep to their sides, their contingencies are apart at
+the next step too. The proof, with what it assumes, stands in ``docs/safety.md``.
+
+The lines leave each robot room to go on as it does, where both can: they part not only the contingencies but
+also those after one more step with the last input. Of a robot that was not seen for some steps nobody knows
+when it began to brake; lines then lie on this side of all that it may do.
+"""
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.remember.memory import Memory
+from agent.solve.compiled import kernel
+from agent.solve.vehicle import Array
+from protocol.messages import Accuracy
+from protocol.scene import Scene
+from protocol.vehicle import Input, Limits, braking_input, reachable_inputs
+from protocol.vehicle import settling_rate as _settling_rate
+
+CHOICES = 9
+"""Values of each input that are looked at between the lowest and the highest reachable one."""
+HALVINGS = 6
+"""With which the part of a step is found that both of a pair may go on."""
+SIGMAS = 3.0
+"""Noise of so many standard deviations is reckoned with."""
+EXCUSED = 0.5
+"""Part of the safety margin by which a robot may cross a line before it is doubted."""
+
+settling_rate = kernel(_settling_rate)
+
+
+class Lines(NamedTuple):
+    """What parts this robot from one other: its contingency keeps normal · p ≥ own, that one's normal · p ≤ other."""
+
+    normal: Array
+    """Unit vectors towards this robot, shape (T + 1, 2)."""
+    own: Array
+    """In m, shape (T + 1,)."""
+    other: Array
+    """In m, shape (T + 1,)."""
+
+
+class Reserve:
+    """Keeps one robot to its side of all lines, and watches whether the others keep to theirs.
+
+    Attributes:
+        interventions: how often it has begun to hold the robot back so far.
+    """
+
+    def __init__(self, scene: Scene, robot: str) -> None:
+        self._scene = scene
+        self._robot = robot
+        self._limits = scene.robot(robot).limits
+        self._steps = max(braking_steps(each.limits, scene.step_s) for each in scene.robots.values())
+        self._lines: dict[str, Lines] = {}
+        self._drawn = -1
+        self._crossed: dict[str, int] = {}
+
+    def update(self, memory: Memory, previous: Input, accuracy: Accuracy) -> None:
+        """Draw the lines of this step, and see who has crossed those of the last one; once a step.
+
+        Args:
+            memory: the present.
+            previous: what this robot drove at the step before.
+            accuracy: of what is seen.
+        """
+        own = self._stretch(memory, self._robot, previous)
+        lines: dict[str, Lines] = {}
+        for other in memory.robots:
+            if other == self._robot:
+                continue
+            there = self._stretch(memory, other, memory.previous_input(other))
+            if self._has_crossed(memory, other, there[0], accuracy):
+                self._crossed[other] = memory.step
+            least_m = self._scene.collision_distance_m(self._robot, other) + self._scene.safety_margin_m
+            if _could_meet(own, there, least_m):
+                seen = memory.unseen_steps(other) == 0
+                lines[other] = parted(*own, *there, least_m, seen)
+        self._lines, self._drawn = lines, memory.step
+
+    def doubted(self, memory: Memory) -> list[str]:
+        """The robots that have crossed a line lately: since then they could not have come to a stand."""
+        return [
+            robot
+            for robot in memory.robots
+            if memory.step - self._crossed.get(robot, -self._steps - 1) <= self._steps
+        ]
+
+    def nearest_allowed(
+        self, memory: Memory, wanted: Input, previous: Input, apart_from: Iterable[str] = ()
+    ) -> Input:
+        """The wanted input, or else the allowed one that is nearest to it; after the previous input.
+
+        Those of ``apart_from`` are not reckoned with.
+        """
+        lines = [each for other, each in self._lines.items() if other not in set(apart_from)]
+        if not lines:
+            return wanted
+        normal, own = np.array([each.normal for each in lines]), np.array([each.own for each in lines])
+        state, limits, path = memory.state(self._robot), self._array(self._robot), np.empty(normal.shape[1:])
+        step_s = self._scene.step_s
+        if first_allowed(state, np.array([wanted]), limits, step_s, normal, own, path) == 0:
+            return wanted
+        choices = self._choices(wanted, previous)
+        found = first_allowed(state, choices, limits, step_s, normal, own, path)
+        if found < len(choices):
+            return Input(*choices[found].tolist())
+        return braking_input(self._limits, previous, float(state[3]), step_s)
+
+    def _choices(self, wanted: Input, previous: Input) -> Array:
+        """Inputs (n, 2) that can be reached, those nearest to the wanted one first."""
+        lowest, highest = map(np.array, reachable_inputs(self._limits, previous, self._scene.step_s))
+        values = [np.append(np.linspace(lowest[c], highest[c], CHOICES), wanted[c]) for c in range(2)]
+        grid = np.stack(np.meshgrid(*values, indexing="ij"), axis=-1).reshape(-1, 2)
+        away = (((grid - np.array(wanted)) / (highest - lowest)) ** 2).sum(axis=1)
+        return np.ascontiguousarray(grid[np.argsort(away, kind="stable")])
+
+    def _stretch(self, memory: Memory, robot: str, previous: Input) -> tuple[Array, Array]:
+        """The contingency (T + 1, 2) if the robot began to brake when it was last seen, and if it goes on yet."""
+        unseen = 0 if robot == self._robot else memory.unseen_steps(robot)
+        state, limits, last = memory.states(robot, unseen + 1)[0], self._array(robot), np.array(previous)
+        paths = np.empty((2, self._steps + unseen + 2, 2))
+        contingency(state, last, limits, self._scene.step_s, 0, paths[0])
+        contingency(state, last, limits, self._scene.step_s, unseen + 1, paths[1])
+        return paths[0, unseen:], paths[1, unseen:]
+
+    def _array(self, robot: str) -> Array:
+        limits, step_s = self._scene.robot(robot).limits, self._scene.step_s
+        rates = limits.turn_acceleration_radps2 * step_s, limits.jerk_mps3 * step_s
+        return np.array([limits.speed_mps, limits.turn_rate_radps, limits.acceleration_mps2, *rates])
+
+    def _has_crossed(self, memory: Memory, other: str, path: Array, accuracy: Accuracy) -> bool:
+        """Whether the present contingency of another robot is beyond its lines of the last step, and noise."""
+        lines = self._lines.get(other)
+        if lines is None or self._drawn != memory.step - 1 or memory.unseen_steps(other):
+            return False
+        beyond_m = float(((lines.normal[1:] * path[:-1]).sum(axis=1) - lines.other[1:]).max())
+        stopping_s = self._steps * self._scene.step_s
+        way_m = float(np.linalg.norm(path[-1] - path[0]))
+        noise_m = accuracy.position_m + way_m * accuracy.heading_rad + stopping_s * accuracy.speed_mps
+        return beyond_m > EXCUSED * self._scene.safety_margin_m + SIGMAS * noise_m
+
+
+def braking_steps(limits: Limits, step_s: float) -> int:
+    """The most steps in which a robot comes to a stand, whatever it drives; the last ones to settle."""
+    ramp_s = 2.0 * limits.acceleration_mps2 / limits.jerk_mps3
+    return math.ceil((limits.speed_mps / limits.acceleration_mps2 + ramp_s) / step_s) + 3
+
+
+def _could_meet(own: tuple[Array, Array], there: tuple[Array, Array], least_m: float) -> bool:
+    """Whether stretches of two robots come near each other at all: a cheap test that lets no pair slip."""
+    reaches = [
+        max(float(np.linalg.norm(each - pair[0][0], axis=1).max()) for each in pair) for pair in (own, there)
+    ]
+    return math.dist(own[0][0], there[0][0]) <= 2.0 * sum(reaches) + 2.0 * least_m
+
+
+@kernel
+def contingency(
+    state: Array, previous: Array, limits: Array, step_s: float, driven: int, path: Array
+) -> None:
+    """Fill in the positions (T + 1, 2) of braking to a stand after an input was driven for some steps.
+
+    Args:
+        state: the present one, shape (4,).
+        previous: the input (ω, a) that is driven first, or that led to the present state.
+        limits: of speed, turn rate and acceleration, and of the changes of the last two in a step.
+        step_s: Δt.
+        driven: for how many steps the input is driven before braking begins.
+        path: the result; whoever stands, stands to its end.
+    """
+    x, y, heading, speed = state[0], state[1], state[2], state[3]
+    turn_rate = min(max(previous[0], -limits[1]), limits[1])
+    acceleration = min(max(previous[1], -limits[2]), limits[2])
+    path[0, 0], path[0, 1] = x, y
+    for k in range(1, len(path)):
+        x += step_s * speed * math.cos(heading)
+        y += step_s * speed * math.sin(heading)
+        path[k, 0], path[k, 1] = x, y
+        if k > driven:
+            wanted = settling_rate(-speed / step_s, limits[4])
+            turn_rate = max(min(0.0, turn_rate + limits[3]), turn_rate - limits[3])
+            wanted = max(min(wanted, acceleration + limits[4]), acceleration - limits[4])
+            acceleration = min(max(wanted, -limits[2]), limits[2])
+        heading += step_s * turn_rate
+        after = min(max(speed + step_s * acceleration, -limits[0]), limits[0])
+        acceleration = (after - speed) / step_s
+        speed = after
+
+
+@kernel
+def parted(own: Array, own_on: Array, other: Array, other_on: Array, least_m: float, seen: bool) -> Lines:
+    """The lines of one pair: between contingencies (T + 1, 2), and those after going on.
+
+    Both may go as large a part of the way from braking at once to going on as leaves the distance between
+    them; of a robot that is not seen, the whole way is kept clear. Where contingencies are nearer than the
+    distance already, this robot may not come nearer still.
+    """
+    distances = np.empty(len(own))
+    for k in range(len(own)):
+        px, py, qx, qy = _nearest(own[k], own[k], other[k], other[k] if seen else other_on[k])
+        distances[k] = min(math.hypot(px - qx, py - qy), least_m)
+    low, high = 0.0, 1.0
+    for halving in range(HALVINGS + 1):
+        share = 1.0 if halving == 0 else 0.5 * (low + high)
+        if _are_apart(own, own_on, other, other_on, distances, share, seen):
+            low = share
+        else:
+            high = share
+        if low == 1.0:
+            break
+    lines = Lines(np.empty((len(own), 2)), np.empty(len(own)), np.empty(len(own)))
+    for k in range(len(own)):
+        px, py, qx, qy = _shared(own[k], own_on[k], other[k], other_on[k], low, seen)
+        x, y = px - qx, py - qy
+        length = math.hypot(x, y)
+        if length > 0.0:
+            x, y = x / length, y / length
+        else:  # one place: any direction, the same for all who compute it
+            x, y = 1.0, 0.0
+        middle, half = 0.5 * (x * (px + qx) + y * (py + qy)), 0.5 * min(distances[k], length)
+        lines.normal[k, 0], lines.normal[k, 1] = x, y
+        lines.own[k], lines.other[k] = middle + half, middle - half
+    return lines
+
+
+@kernel
+def _are_apart(
+    own: Array, own_on: Array, other: Array, other_on: Array, distances: Array, share: float, seen: bool
+) -> bool:
+    for k in range(len(own)):
+        px, py, qx, qy = _shared(own[k], own_on[k], other[k], other_on[k], share, seen)
+        if (px - qx) ** 2 + (py - qy) ** 2 < distances[k] ** 2 * (1.0 - 1e-12):
+            return False
+    return True
+
+
+@kernel
+def _shared(
+    own: Array, own_on: Array, other: Array, other_on: Array, share: float, seen: bool
+) -> tuple[float, float, float, float]:
+    """The nearest points of two stretches of which only a share counts; of a robot not seen, the whole."""
+    return _nearest(
+        own, own + share * (own_on - own), other, other + (share if seen else 1.0) * (other_on - other)
+    )
+
+
+@kernel
+def _nearest(a: Array, a_on: Array, b: Array, b_on: Array) -> tuple[float, float, float, float]:
+    """The nearest points of the stretches from ``a`` to ``a_on`` and from ``b`` to ``b_on``."""
+    ux, uy, vx, vy = a_on[0] - a[0], a_on[1] - a[1], b_on[0] - b[0], b_on[1] - b[1]
+    wx, wy = a[0] - b[0], a[1] - b[1]
+    uu, uv, vv = ux * ux + uy * uy, ux * vx + uy * vy, vx * vx + vy * vy
+    uw, vw = ux * wx + uy * wy, vx * wx + vy * wy
+    across = uu * vv - uv * uv
+    inner = (uv * vw - vv * uw) / across if across > 1e-12 * uu * vv else 0.0
+    best, result = math.inf, (a[0], a[1], b[0], b[1])
+    for begin in (inner, 0.0, 1.0):
+        s = min(max(begin, 0.0), 1.0)
+        t = min(max((vw + s * uv) / vv, 0.0), 1.0) if vv > 0.0 else 0.0
+        s = min(max((t * uv - uw) / uu, 0.0), 1.0) if uu > 0.0 else 0.0
+        px, py, qx, qy = a[0] + s * ux, a[1] + s * uy, b[0] + t * vx, b[1] + t * vy
+        away = (px - qx) ** 2 + (py - qy) ** 2
+        if away < best:
+            best, result = away, (px, py, qx, qy)
+    return result
+
+
+@kernel
+def first_allowed(
+    state: Array, inputs: Array, limits: Array, step_s: float, normal: Array, own: Array, path: Array
+) -> int:
+    """The first of some inputs (n, 2) whose contingency keeps to the own side of all lines; n if none does.
+
+    Args:
+        state: the present one, shape (4,).
+        inputs: to be driven now.
+        limits: see :func:`contingency`.
+        step_s: Δt.
+        normal: of the lines of R others, shape (R, T + 1, 2).
+        own: as in :class:`Lines`, shape (R, T + 1).
+        path: to work with, shape (T + 1, 2).
+    """
+    for index in range(len(inputs)):
+        contingency(state, inputs[index], limits, step_s, 1, path)
+        if _keeps_to(path, normal, own):
+            return index
+    return len(inputs)
+
+
+@kernel
+def _keeps_to(path: Array, normal: Array, own: Array) -> bool:
+    for other in range(len(own)):
+        for k in range(len(path)):
+            along = normal[other, k, 0] * path[k, 0] + normal[other, k, 1] * path[k, 1]
+            if along < own[other, k] - 1e-9 * (1.0 + abs(own[other, k])):
+                return False
+    return True

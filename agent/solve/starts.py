@@ -1,0 +1,129 @@
+"""Where a solution starts: from the last one, or from what each robot would do if it were alone."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from agent.solve import Deadline
+from agent.solve.problem import (
+    LIMITED_QUANTITIES,
+    JointProblem,
+    JointSolver,
+    Solution,
+    Start,
+    braking_inputs,
+)
+from agent.solve.vehicle import Array
+
+POOR = 0.1
+"""A solution that violates a distance by more than this part of it is looked for again elsewhere: it may be on
+the wrong side."""
+AWAY = 0.4
+"""In safety distances: a robot that is no further from its goal is nearly there."""
+STANDS = 0.015
+"""In safety distances: a robot that goes no further in the last third of the horizon stands."""
+
+
+def solve_well(
+    solver: JointSolver,
+    problem: JointProblem,
+    start: Start,
+    other_start: Callable[[], Start],
+    deadline: Deadline,
+) -> Solution:
+    """Solve from a start and, where what comes of it is poor and time is left, from another one.
+
+    Poor is what is not solved, what violates a distance or passes on a side that was not agreed on, and what
+    ends in a deadlock. The better one is taken: solved beats unsolved, going on beats a deadlock, then the
+    lower cost with the price of violations counts.
+    """
+    found = solver.solve(problem, start)
+    poor = not found.solved or found.violation_m > POOR * problem.size_m or is_deadlock(problem, found)
+    if not poor or deadline.has_passed():
+        return found
+    return min(found, solver.solve(problem, other_start()), key=lambda each: _rank(problem, each))
+
+
+def _rank(problem: JointProblem, solution: Solution) -> tuple[bool, bool, float]:
+    cost = solution.objective + problem.price_per_m * solution.violation_m
+    return not solution.solved, is_deadlock(problem, solution), cost
+
+
+def is_deadlock(problem: JointProblem, solution: Solution) -> bool:
+    """Whether a robot comes to a stand away from its goal while others are in its way."""
+    positions = solution.states[:, :, :2]
+    rest = positions[:, -1 - problem.steps // 3 :]
+    stands = np.linalg.norm(rest - rest[:, -1:], axis=-1).max(axis=1) < STANDS * problem.size_m
+    away = np.linalg.norm(positions[:, -1] - problem.goals[:, :2], axis=-1) > AWAY * problem.size_m
+    held = np.linalg.norm(solution.forces[:, -1], axis=-1) > 0.0
+    return bool((stands & away & held).any())
+
+
+def cold_start(problem: JointProblem, inputs: Array | None = None) -> Start:
+    """A start of which no forces are known: from inputs (M, K, 2), or from braking to a stand."""
+    inputs = braking_inputs(problem) if inputs is None else inputs
+    robots, steps = inputs.shape[:2]
+    forces, multipliers = np.zeros((robots, steps + 1, 2)), np.zeros((robots, steps, LIMITED_QUANTITIES))
+    return Start(inputs, forces, multipliers, warm=False)
+
+
+class WarmStarts:
+    """The last solution of each robot: where the next solution starts, one step on."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, tuple[Array, Array, Array]] = {}
+
+    def start(
+        self,
+        problem: JointProblem,
+        robots: Sequence[str],
+        steps_on: int = 1,
+        otherwise: Callable[[], Start] | None = None,
+    ) -> Start:
+        """The last solution, so many steps on; of a robot that has none, its part of another start.
+
+        ``otherwise`` gives that start; without it, it is the cold one.
+        """
+        known = {index: robot for index, robot in enumerate(robots) if robot in self._last}
+        parts = {
+            index: [shifted(each, steps_on) for each in self._last[robot]] for index, robot in known.items()
+        }
+        if len(parts) == len(robots):
+            inputs, forces, multipliers = (np.array(each) for each in zip(*parts.values(), strict=True))
+            return Start(inputs, forces, multipliers, warm=True)
+        start = otherwise() if otherwise else cold_start(problem)
+        for index, (inputs, forces, multipliers) in parts.items():
+            start.inputs[index], start.forces[index], start.limit_multipliers[index] = (
+                inputs,
+                forces,
+                multipliers,
+            )
+        return start
+
+    def keep(self, robots: Sequence[str], solution: Solution) -> None:
+        """Remember a solution of these robots and forget all earlier ones; one that failed is forgotten too."""
+        parts = zip(solution.inputs, solution.forces, solution.limit_multipliers, strict=True)
+        self._last = dict(zip(robots, parts, strict=True)) if solution.solved else {}
+
+
+class Alone:
+    """What each robot would do if nobody else were there, from step to step."""
+
+    def __init__(self, solver: JointSolver) -> None:
+        self._solver = solver
+        self._last: dict[str, WarmStarts] = {}
+
+    def drive(self, problems: Mapping[str, JointProblem]) -> dict[str, Solution]:
+        """The solution of each robot's own problem; of robots not among them nothing is kept."""
+        self._last = {robot: self._last.get(robot, WarmStarts()) for robot in problems}
+        solutions = {}
+        for robot, problem in problems.items():
+            solutions[robot] = self._solver.solve(problem, self._last[robot].start(problem, [robot]))
+            self._last[robot].keep([robot], solutions[robot])
+        return solutions
+
+
+def shifted(stages: Array, steps: int = 1) -> Array:
+    """Inputs or multipliers of one robot so many steps on; those of the new last stages are zero."""
+    steps = min(steps, len(stages))
+    return np.concatenate([stages[steps:], np.zeros((steps, *stages.shape[1:]))])
