@@ -42,52 +42,45 @@ class Driver:
         self.monitor.watch(memory, thought.prediction, observation.accuracy)
         is_blind = self._vigilance.look(memory, observation.age_steps)
         speed_mps = float(memory.state(self._robot)[3])
-        inputs, thought.emergency = self._inputs(memory, previous, speed_mps, thought, is_blind)
+        driven, thought.emergency = self._input(memory, previous, speed_mps, thought, is_blind)
         command = Command(
             epoch=observation.epoch,
             robot=self._robot,
             step=observation.step,
-            turn_rate_radps=inputs[0].turn_rate_radps,
-            acceleration_mps2=inputs[0].acceleration_mps2,
-            then=inputs[1] if len(inputs) > 1 else None,
+            turn_rate_radps=driven.turn_rate_radps,
+            acceleration_mps2=driven.acceleration_mps2,
         )
         self.history.add(command, speed_mps)
         return command
 
-    def _inputs(
+    def _input(
         self, memory: Memory, previous: Input, speed_mps: float, thought: Thought, is_blind: bool
-    ) -> tuple[list[Input], Degradation | None]:
-        """The input of this step and, of a plan, that of the next one; and why the plan is not followed."""
+    ) -> tuple[Input, Degradation | None]:
+        """The input of this step, and why the plan is not followed."""
         limits, step_s, plan = self._limits, self._step_s, thought.plan
-        braking = [braking_input(limits, previous, speed_mps, step_s)]
+        braking = braking_input(limits, previous, speed_mps, step_s)
         if thought.arrived:
             return braking, None
         if is_blind:
             return braking, "controlled stop"
         if plan is None or not plan.solved:
-            return [failure_input(limits, previous, speed_mps, step_s)], "solver failure"
-        inputs = planned_inputs(plan, limits, previous, speed_mps, step_s)
-        if self.monitor.must_brake(memory, plan, inputs[0], previous):
+            return failure_input(limits, previous, speed_mps, step_s), "solver failure"
+        planned = planned_input(plan, limits, previous, speed_mps, step_s)
+        if self.monitor.must_brake(memory, plan, planned, previous):
             return braking, "intervention"
-        return inputs, None
+        return planned, None
 
 
-def planned_inputs(
-    plan: Plan, limits: Limits, previous: Input, speed_mps: float, step_s: float
-) -> list[Input]:
-    """The input that is driven now, and, where the plan goes on, that for a next step without a command.
+def planned_input(plan: Plan, limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
+    """The first input of a plan, as it is driven after the previous one.
 
     Solvers keep limits to a tolerance; what is commanded keeps those of inputs and rates exactly, and that of
     the speed as far as they allow.
     """
-    inputs = []
-    for turn_rate, acceleration in plan.inputs[:2].tolist():
-        slowest, fastest = ((bound - speed_mps) / step_s for bound in (-limits.speed_mps, limits.speed_mps))
-        wanted = Input(turn_rate, min(max(acceleration, slowest), fastest))
-        previous = reachable_inputs(limits, previous, step_s).clip(wanted)
-        speed_mps += step_s * previous.acceleration_mps2
-        inputs.append(previous)
-    return inputs
+    turn_rate, acceleration = plan.inputs[0].tolist()
+    slowest, fastest = ((bound - speed_mps) / step_s for bound in (-limits.speed_mps, limits.speed_mps))
+    wanted = Input(turn_rate, min(max(acceleration, slowest), fastest))
+    return reachable_inputs(limits, previous, step_s).clip(wanted)
 
 
 def failure_input(limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
@@ -141,14 +134,13 @@ class CommandHistory:
     def _driven(self, command: Command, speed_mps: float, step: int) -> Input:
         """What was driven before a step if this was the last command in time, sent at that speed.
 
-        At the first step without a command that is the last one's `then`, from there on or without it
-        braking: what the world does, and so exactly what was driven, up to the noise in the speed.
+        At every step without a command that is braking: what the world does, and so exactly what was driven,
+        up to the noise in the speed.
         """
-        driven, fallback = command.input, command.then
+        driven = command.input
         for _ in range(min(step - command.step - 1, LONGEST_BRAKING_STEPS)):
             speed_mps += self._step_s * driven.acceleration_mps2
-            braking = braking_input(self._limits, driven, speed_mps, self._step_s)
-            driven, fallback = Input(*fallback) if fallback else braking, None
+            driven = braking_input(self._limits, driven, speed_mps, self._step_s)
         return driven
 
     def _is_same(self, one: Input, other: Input) -> bool:
