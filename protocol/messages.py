@@ -4,8 +4,7 @@ All positions are in metres and all headings in radians in the one frame of the 
 headings counter-clockwise from x, wrapped to [−π, π]); speeds are in m/s along the heading; times are in
 seconds since step 0. A step is one interval Δt: the world publishes the observation of step k, a robot
 answers it with the command of step k, which the world applies until step k + 1. Where that command does not
-come in time, the world applies what the command of step k − 1 says for then, and brakes the robot where there
-is no such command.
+come in time, the world brakes the robot at once.
 """
 
 from typing import Annotated, ClassVar, Literal, Self
@@ -104,9 +103,6 @@ class Command(Message):
     step: Count
     turn_rate_radps: Coordinate
     acceleration_mps2: Coordinate
-    then: tuple[Coordinate, Coordinate] | None = None
-    """(ω, a) for the step after this one, should it get no command in time; None: brake."""
-
     withheld: bool = False
     """True: there is no command for this step, and none is to be awaited; the inputs mean nothing."""
 

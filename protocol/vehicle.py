@@ -70,6 +70,11 @@ def braking_input(limits: Limits, previous: Input, speed_mps: float, step_s: flo
     return reachable_inputs(limits, previous, step_s).clip(wanted)
 
 
+def speed_after(limits: Limits, speed_mps: float, driven: Input, step_s: float) -> float:
+    """The speed one step on: at its limit it stays."""
+    return min(max(speed_mps + step_s * driven.acceleration_mps2, -limits.speed_mps), limits.speed_mps)
+
+
 def settling_rate(way: float, change: float) -> float:
     """The highest rate at which a way can begin so that it ends there, at rest, without overshooting.
 

@@ -72,15 +72,14 @@ def drive(
 class Vehicle:
     """A vehicle as the world moves it, step by step.
 
-    At a step without a command it drives the `then` of its last command if that answered the step before,
-    and brakes otherwise. A command beyond the limits is clipped and counted, a fallback only clipped.
+    At a step without a command it brakes: what it drives then follows from its state and the input that led
+    there, and from nothing that was said before. A command beyond the limits is clipped and counted.
 
     Attributes:
         limits: of its inputs.
         step_s: Δt in s.
         state: at the present step.
         applied: the input that led there.
-        fallback: what the command of the step before says for a step without one.
         deadline_misses: steps without a command so far.
         clipped_commands: commands so far that were beyond the limits.
     """
@@ -89,7 +88,6 @@ class Vehicle:
     step_s: float
     state: VehicleState
     applied: Input = STANDSTILL
-    fallback: Input | None = None
     deadline_misses: int = 0
     clipped_commands: int = 0
 
@@ -98,9 +96,7 @@ class Vehicle:
         if command is not None:
             wanted = command.input
         else:
-            wanted = self.fallback or braking_input(
-                self.limits, self.applied, self.state.speed_mps, self.step_s
-            )
+            wanted = braking_input(self.limits, self.applied, self.state.speed_mps, self.step_s)
         return drive(self.limits, self.state, self.applied, wanted, self.step_s)
 
     def obey(self, command: Command | None) -> None:
@@ -108,12 +104,10 @@ class Vehicle:
         self.state, self.applied, clipped = self.driven_by(command)
         if command is None:
             self.deadline_misses += 1
-            self.fallback = None
         else:
             self.clipped_commands += clipped
-            self.fallback = command.then and Input(*command.then)
 
     def stand(self) -> None:
         """Be at rest where it is; what it was to drive is forgotten."""
         self.state = self.state._replace(speed_mps=0.0)
-        self.applied, self.fallback = STANDSTILL, None
+        self.applied = STANDSTILL

@@ -9,7 +9,7 @@ from agent.solve.planning import Plan
 from agent.telemetry import Thought
 from protocol.messages import Command, Degradation, Observation
 from protocol.scene import Scene
-from protocol.vehicle import STANDSTILL, Input, Limits, braking_input, reachable_inputs
+from protocol.vehicle import STANDSTILL, Input, Limits, braking_input, reachable_inputs, speed_after
 
 LONGEST_BRAKING_STEPS = 1000
 """After so many steps without a command a robot is taken to stand."""
@@ -89,8 +89,13 @@ class Driver:
     def _held_back(self, memory: Memory, plan: Plan | None, wanted: Input, previous: Input) -> Input:
         """What of a wanted input is driven."""
         doubted = self._reserve.doubted(memory)
-        if plan is not None and self._last_resort.must_brake(memory, doubted, plan, wanted, previous):
-            return braking_input(self._limits, previous, float(memory.state(self._robot)[3]), self._step_s)
+        if doubted and plan is not None:
+            at_once = self._reserve.braking(memory, self._robot, previous, 0)
+            later = self._reserve.braking(memory, self._robot, wanted, 1)
+            if self._last_resort.must_brake(memory, doubted, plan, at_once, later):
+                return braking_input(
+                    self._limits, previous, float(memory.state(self._robot)[3]), self._step_s
+                )
         return self._reserve.nearest_allowed(memory, wanted, previous, apart_from=doubted)
 
 
@@ -161,8 +166,9 @@ class CommandHistory:
         """
         driven = command.input
         for _ in range(min(step - command.step - 1, LONGEST_BRAKING_STEPS)):
-            speed_mps += self._step_s * driven.acceleration_mps2
-            driven = braking_input(self._limits, driven, speed_mps, self._step_s)
+            after_mps = speed_after(self._limits, speed_mps, driven, self._step_s)
+            applied = Input(driven.turn_rate_radps, (after_mps - speed_mps) / self._step_s)
+            speed_mps, driven = after_mps, braking_input(self._limits, applied, after_mps, self._step_s)
         return driven
 
     def _is_same(self, one: Input, other: Input) -> bool:

@@ -38,7 +38,7 @@ settling_rate = kernel(_settling_rate)
 
 
 class Lines(NamedTuple):
-    """What parts this robot from one other: its contingency keeps normal · p ≥ own, that one's normal · p ≤ other."""
+    """What parts this robot from another one: normal · p ≥ own here, and normal · p ≤ other there."""
 
     normal: Array
     """Unit vectors towards this robot, shape (T + 1, 2)."""
@@ -123,14 +123,21 @@ class Reserve:
         away = (((grid - np.array(wanted)) / (highest - lowest)) ** 2).sum(axis=1)
         return np.ascontiguousarray(grid[np.argsort(away, kind="stable")])
 
+    def braking(self, memory: Memory, robot: str, driven: Input, steps: int) -> Array:
+        """Positions (T + 1, 2) from the present on, if a robot drives an input for some steps and then brakes.
+
+        The steps begin when it was last seen, the present being the end of those that nobody saw.
+        """
+        unseen = 0 if robot == self._robot else memory.unseen_steps(robot)
+        path, state = np.empty((self._steps + unseen + 2, 2)), memory.states(robot, unseen + 1)[0]
+        contingency(state, np.array(driven), self._array(robot), self._scene.step_s, steps, path)
+        return path[unseen:]
+
     def _stretch(self, memory: Memory, robot: str, previous: Input) -> tuple[Array, Array]:
         """The contingency (T + 1, 2) if the robot began to brake when it was last seen, and if it goes on yet."""
         unseen = 0 if robot == self._robot else memory.unseen_steps(robot)
-        state, limits, last = memory.states(robot, unseen + 1)[0], self._array(robot), np.array(previous)
-        paths = np.empty((2, self._steps + unseen + 2, 2))
-        contingency(state, last, limits, self._scene.step_s, 0, paths[0])
-        contingency(state, last, limits, self._scene.step_s, unseen + 1, paths[1])
-        return paths[0, unseen:], paths[1, unseen:]
+        brakes, goes_on = (self.braking(memory, robot, previous, steps) for steps in (0, unseen + 1))
+        return brakes, goes_on
 
     def _array(self, robot: str) -> Array:
         limits, step_s = self._scene.robot(robot).limits, self._scene.step_s

@@ -4,15 +4,13 @@ Of a robot that has crossed a line, nothing is assumed but that it goes on as it
 hard as its limits allow.
 """
 
-
 import numpy as np
 
-from agent.drive.reserve import braking_steps
 from agent.remember.memory import Memory
 from agent.solve.planning import Plan
-from agent.solve.vehicle import Array, rollout, velocity
+from agent.solve.vehicle import Array, velocity
 from protocol.scene import Scene
-from protocol.vehicle import Input, Limits, braking_input
+from protocol.vehicle import Limits
 
 BLIND_STEPS = 5
 """For so long others are extrapolated; then the robot stops, if one of them could be in its way."""
@@ -31,36 +29,29 @@ class LastResort:
     def __init__(self, scene: Scene, robot: str) -> None:
         self._scene = scene
         self._robot = robot
-        self._limits = scene.robot(robot).limits
 
     def must_brake(
-        self, memory: Memory, doubted: list[str], plan: Plan, first: Input, previous: Input
+        self, memory: Memory, doubted: Sequence[str], plan: Plan, at_once: Array, later: Array
     ) -> bool:
         """Whether to brake now instead of following the plan.
 
-        ``first`` would be driven of the plan at this step, after the previous input.
+        Args:
+            memory: the present.
+            doubted: other robots.
+            plan: what would be driven.
+            at_once: positions (T + 1, 2) of braking now.
+            later: those of braking after a step of the plan.
         """
-        return bool(doubted) and self._is_danger(memory, doubted, plan, first, previous)
-
-    def _is_danger(
-        self, memory: Memory, others: list[str], plan: Plan, first: Input, previous: Input
-    ) -> bool:
-        step_s, limits = self._scene.step_s, self._limits
-        state = memory.state(self._robot)
-        at_once = braking_path(state, previous, limits, step_s)
-        least_m = np.array([self._scene.collision_distance_m(self._robot, other) for other in others])
-        steps = min(len(at_once) + 1, len(plan.states))
-        ways = self._ways(memory, others, steps)
-        planned = gaps_m(plan.states[:steps, :2], ways, least_m)
-        if planned.min() >= 0.0:
+        if not doubted:
             return False
-        after_one = rollout(state, np.array([first]), step_s)[-1]
-        later = np.concatenate([state[None], braking_path(after_one, first, limits, step_s)])
-        stopping = gaps_m(at_once[:, :2], ways, least_m)
-        too_late = gaps_m(later[:, :2], ways, least_m) < 0.0
+        least_m = np.array([self._scene.collision_distance_m(self._robot, other) for other in doubted])
+        steps = min(len(at_once), len(plan.states))
+        ways = self._ways(memory, doubted, steps)
+        planned = gaps_m(plan.states[:steps, :2], ways, least_m)
+        stopping, too_late = gaps_m(at_once, ways, least_m), gaps_m(later, ways, least_m) < 0.0
         return bool(((planned < 0.0) & too_late & (stopping > planned)).any())
 
-    def _ways(self, memory: Memory, others: list[str], steps: int) -> Array:
+    def _ways(self, memory: Memory, others: Sequence[str], steps: int) -> Array:
         """Positions of the others if they go on, and if they brake, shape (2, others, steps, 2)."""
         states = np.array([memory.state(other) for other in others])
         turns = np.array([memory.previous_input(other).turn_rate_radps for other in others])
@@ -114,18 +105,6 @@ class Vigilance:
 def _ramp_s(limits: Limits) -> float:
     """How long it takes to brake at full."""
     return limits.acceleration_mps2 / limits.jerk_mps3
-
-
-def braking_path(state: Array, previous: Input, limits: Limits, step_s: float) -> Array:
-    """States (n, 4), from the present one to the standstill that braking leads to."""
-    inputs, speed = [], float(state[3])
-    for _ in range(braking_steps(limits, step_s)):
-        previous = braking_input(limits, previous, speed, step_s)
-        inputs.append(previous)
-        speed += step_s * previous.acceleration_mps2
-        if abs(speed) < 1e-9 and abs(previous.acceleration_mps2) < 1e-9:
-            break
-    return rollout(state, np.array(inputs), step_s)
 
 
 def positions_ahead(

@@ -395,9 +395,8 @@ class Link:
         return seen
 
     def _driven(self, command: Command, fault: CommandFault) -> Command:
-        """The command with other inputs for its step and for the step after."""
+        """The command with another input."""
         limits = self._scene.robot(self._robot).limits
         turn_rate, acceleration = fault.driven(command.input, limits)
-        then = command.then and tuple(fault.driven(Input(*command.then), limits))
-        changes = {"turn_rate_radps": turn_rate, "acceleration_mps2": acceleration, "then": then}
+        changes = {"turn_rate_radps": turn_rate, "acceleration_mps2": acceleration}
         return command.model_copy(update=changes)

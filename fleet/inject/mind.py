@@ -258,7 +258,7 @@ class FaultyMind:
         if driven is not None:
             self.withdraw()
             turn_rate, acceleration = driven
-            changes = {"turn_rate_radps": turn_rate, "acceleration_mps2": acceleration, "then": None}
+            changes = {"turn_rate_radps": turn_rate, "acceleration_mps2": acceleration}
             command = command.model_copy(update=changes)
         self._previous = command.input
         return replace(decision, command=command, mind=mind)

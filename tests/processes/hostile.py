@@ -26,7 +26,7 @@ def base(key: str) -> bytes:
     """A valid message for this key, of an epoch that never was."""
     robot = key.rpartition("/")[2]
     if Keys(key.split("/")[1]).kind_of(key) == "command":
-        said = {"turn_rate_radps": 0.1, "acceleration_mps2": 0.2, "then": (0.0, 0.0)}
+        said = {"turn_rate_radps": 0.1, "acceleration_mps2": 0.2}
         return encode(Command(epoch=WRONG_EPOCH, robot=robot, step=3, **said))
     thought = {
         "decision": 3,

@@ -7,7 +7,6 @@ import signal
 import pytest
 from process_helpers import (
     FAR_SIGHTED,
-    applied,
     brakes,
     endless,
     ends_all,
@@ -28,7 +27,7 @@ def straight(path, robots, **rules):
     return write_scenario(path, robots, **{"horizons": FAR_SIGHTED, "time_limit_s": 120.0, **rules})
 
 
-def test_a_robot_that_dies_is_named_drives_its_plan_and_brakes_and_the_others_go_on(tmp_path, bench):
+def test_a_robot_that_dies_is_named_and_brakes_and_the_others_go_on(tmp_path, bench):
     run = bench("out", "run", straight(tmp_path / "lanes.yaml", lanes(2, 1.0), time_limit_s=4.0))
     run.reach(5)
     children = run.kill("agent", "2")
@@ -37,10 +36,9 @@ def test_a_robot_that_dies_is_named_drives_its_plan_and_brakes_and_the_others_go
     assert "robot-2 was killed by signal 9" in run.complained
     assert "joined" in run.complained, "the end of its log is shown"
     assert "robot-1" not in run.complained
-    commands = {each.step: each for each in run.messages(Command) if each.robot == "2"}
-    true, last = run.true("2"), max(commands)
-    assert applied(true[last + 2]) == pytest.approx(commands[last].then)
-    brakes(true, range(last + 2, 40))
+    true = run.true("2")
+    last = max(each.step for each in run.messages(Command) if each.robot == "2")
+    brakes(true, range(last + 1, 40))
     assert true[40].state.speed_mps == pytest.approx(0.0, abs=1e-9)
     assert run.missed("2") == list(range(last + 1, 40))
     assert run.summary["verdict"] == "timeout"

@@ -54,9 +54,7 @@ def hold_up(run, robot, step):
     return pid, answered
 
 
-def test_a_robot_that_is_held_up_drives_its_plan_then_brakes_and_goes_on_with_the_newest_pose(
-    tmp_path, bench
-):
+def test_a_robot_that_is_held_up_brakes_at_once_and_goes_on_with_the_newest_pose(tmp_path, bench):
     """They speed up so gradually that every step has an input of its own. Long steps suit a busy machine."""
     limits, step_s = Limits(jerk_mps3=0.1), 0.2
     robots = lanes(2, 900.0, limits={"jerk_mps3": limits.jerk_mps3})
@@ -80,10 +78,7 @@ def test_a_robot_that_is_held_up_drives_its_plan_then_brakes_and_goes_on_with_th
     gap = list(itertools.takewhile(lambda step: step in missed, itertools.count(last + 1)))
     assert len(gap) >= 2
 
-    planned = commands[last].then
-    assert planned not in (None, commands[last].input)
-    assert applied(true[last + 2]) == pytest.approx(planned)
-    brakes(true, gap[1:], limits, step_s)
+    brakes(true, gap, limits, step_s)
     assert len(set(thoughts) & set(gap)) < len(gap), "a backlog is not worked through"
     assert not commands.keys() & set(gap), "what comes too late is not said"
     # It knows what was driven meanwhile: its next command can be reached from there.

@@ -14,14 +14,13 @@ BRAKE_MPS2 = -1.0
 
 
 def brake(robot: str, step: int, epoch: int = EPOCH) -> Command:
-    """What nobody else says; with a `then`, which would outlast the step."""
+    """What nobody else says."""
     return Command(
         epoch=epoch,
         robot=robot,
         step=step,
         turn_rate_radps=0.3,
         acceleration_mps2=BRAKE_MPS2,
-        then=(0.3, BRAKE_MPS2),
     )
 
 

@@ -39,7 +39,6 @@ def test_an_arrived_robot_brakes_to_a_standstill_and_holds():
         decision = agent.decide(seen(step, {"a": state}))
         assert decision.mind.arrived
         assert (decision.mind.estimates, decision.mind.prediction, decision.mind.plan) == ({}, {}, ())
-        assert decision.command.then is None
         control = decision.command.input
         assert abs(control.acceleration_mps2 - previous[1]) <= 0.7 + 1e-9
         previous = control

@@ -141,14 +141,13 @@ def test_a_velocity_is_reached_within_the_limits_and_without_turning_too_far(hea
     assert state[3] == pytest.approx(size, abs=1e-3)
 
 
-def test_orca_plans_one_step_and_says_nothing_for_the_one_after():
+def test_orca_plans_one_step():
     decision = agent_of(GOAL, scene_of("ab"), goals="orca").decide(
         seen(0, {"a": EGO, "b": (0.0, 0.0, math.pi, 1.0)})
     )
     assert decision is not None
     moved = euler(EGO, [decision.command.input])
     np.testing.assert_allclose(decision.mind.plan, moved[:, :2])
-    assert decision.command.then is None
     assert list(decision.mind.prediction) == ["b"]
 
 

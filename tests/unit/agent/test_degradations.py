@@ -73,7 +73,6 @@ def test_the_stop_for_want_of_sight_is_told_and_brakes():
     stopping = drive.on({})
     assert stopping.mind.degraded == ("extrapolation", "controlled stop")
     assert stopping.command.input == braking
-    assert stopping.command.then is None
 
 
 def test_an_intervention_is_told_and_brakes(monkeypatch):
@@ -85,7 +84,6 @@ def test_an_intervention_is_told_and_brakes(monkeypatch):
         decision = drive.on()
     assert decision.mind.degraded == ("intervention",)
     assert decision.command.input == braking
-    assert decision.command.then is None
     assert drive.on().mind.degraded == ()
 
 

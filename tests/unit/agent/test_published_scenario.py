@@ -26,7 +26,7 @@ import numpy as np
 import pytest
 from agent_helpers import EPOCH, NEVER, SOLVERS, STEP_S, published, remembered, scene_of
 
-from agent.drive.commands import planned_inputs
+from agent.drive.commands import planned_input
 from agent.estimate.goals import ConstantAcceleration, Exchanged, GoalEstimator
 from agent.estimate.inverse_optimal_control import InverseOptimalControl
 from agent.remember.memory import Memory
@@ -99,7 +99,7 @@ def test_the_joint_prediction_drives_all_robots_along_the_published_trace(scenar
         for robot, known in scene.robots.items():
             speed = float(memory.state(robot)[3])
             plan = Plan(prediction.inputs[robot], prediction.states[robot], prediction.solved)
-            last[robot] = planned_inputs(plan, known.limits, last[robot], speed, scene.step_s)[0]
+            last[robot] = planned_input(plan, known.limits, last[robot], speed, scene.step_s)
         return {robot: command(robot, seen.step, control) for robot, control in last.items()}
 
     assert worst_deviation_m(scenario, driven(scenario, answers)) < WITHIN_M

@@ -75,7 +75,7 @@ def observation(step: int, **changes: Any) -> Observation:
 
 
 def command(step: int, **changes: Any) -> Command:
-    plain = {"epoch": EPOCH, "robot": "1", "step": step, "then": (0.5, -2.0)}
+    plain = {"epoch": EPOCH, "robot": "1", "step": step}
     return Command(**(plain | {"turn_rate_radps": 1.0, "acceleration_mps2": 2.0} | changes))
 
 

@@ -92,7 +92,6 @@ def bent(plan: Any) -> Any:
 GHOST = State.of(5.0, 5.0, 0.0, 0.0)
 TAMPERINGS = {
     "a command": (changing("command/1", turn_rate_radps=next_after), "command 1 turn_rate_radps"),
-    "a command's next step": (changing("command/1", then=None), "command 1 then"),
     "an observation": (changing("pose/2", robots=nudged), "observation 2 robots.1.x_m"),
     "one more robot": (
         changing("pose/2", robots=lambda all_: {**all_, "3": GHOST}),

@@ -12,11 +12,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from pydantic import create_model
 from run_helpers import FACTS, KEYS, command, file_size_limit, mind, ring, truth
 
 from chassis.refusal import Refusal
 from fleet.record.recording import CHUNK_BYTES, ENDING, KINDS, Recorder, read_recording
-from protocol.messages import Message, Observation, PublicScene, State
+from protocol.messages import Command, Message, Observation, PublicScene, State
 
 SCENARIO_TEXT = "# a scenario – with a dash\nname: two\n"
 DISK_FAULTS = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
@@ -245,6 +246,15 @@ def test_a_message_of_an_unknown_kind_is_named(path: Path) -> None:
 
     write(path, [("unspoken/test/gossip", Gossip(epoch=1, step=0))])
     with pytest.raises(Refusal, match=r"unknown kind 'Gossip' on unspoken/test/gossip"):
+        list(read_recording(path))
+
+
+def test_what_an_earlier_version_said_is_named_with_the_remedy(path: Path) -> None:
+    """A command once held the input planned for the next step, too."""
+    earlier = create_model("Command", __base__=Command, then=(tuple[float, float] | None, None))
+    write(path, [(KEYS.command("1"), earlier(**command("1", 4).model_dump()))])
+    told = r"does not write: Command\.then: Extra inputs .* read it with the version that wrote it"
+    with pytest.raises(Refusal, match=told):
         list(read_recording(path))
 
 

@@ -77,7 +77,6 @@ COMMAND: dict[str, Any] = {
     "step": 7,
     "turn_rate_radps": 0.25,
     "acceleration_mps2": -0.5,
-    "then": [0.125, -0.25],
     "withheld": False,
 }
 OBSERVATION: dict[str, Any] = {"schema_version": 1, "epoch": 5, "step": 7, "time_s": 0.7}
@@ -111,9 +110,7 @@ def test_every_kind_of_message_comes_back_as_it_was_sent(message: Message) -> No
 
 
 def test_on_the_wire_a_message_is_a_msgpack_map_of_its_fields() -> None:
-    command = Command(
-        epoch=5, robot="a", step=7, turn_rate_radps=0.25, acceleration_mps2=-0.5, then=(0.125, -0.25)
-    )
+    command = Command(epoch=5, robot="a", step=7, turn_rate_radps=0.25, acceleration_mps2=-0.5)
     assert msgpack.unpackb(encode(command)) == COMMAND
     assert decode(Command, packed(COMMAND)) == command
     assert tuple(command.input) == (0.25, -0.5)
@@ -205,8 +202,6 @@ def test_another_schema_version_is_refused(version: Any) -> None:
         (Command, "step", True, "should be a valid integer, found True"),
         (Command, "epoch", 2**63, "found 9223372036854775808"),
         (Command, "robot", "a\n", "should match pattern"),
-        (Command, "then", [0.5, 0.5, 0.5], "at most 2 items"),
-        (Command, "then.1", [0.5, math.nan], "should be a finite number, found nan"),
         (Command, "speed", 1.0, "Extra inputs are not permitted, found 1.0"),
         (Command, "step", ..., "Field required"),
         (Observation, "robots.a.speed_mps", {"a": {**STATE, "speed_mps": math.nan}}, "a finite number"),
