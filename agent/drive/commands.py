@@ -76,15 +76,13 @@ class Driver:
             return braking, None
         if is_blind:
             return braking, "controlled stop"
-        solved = plan is not None and plan.solved
-        if solved:
+        failure: Degradation | None = None
+        if plan is not None and plan.solved:
             wanted = planned_input(plan, limits, previous, speed_mps, step_s)
         else:
-            wanted = failure_input(limits, previous, speed_mps, step_s)
+            wanted, failure = failure_input(limits, previous, speed_mps, step_s), "solver failure"
         driven = self._held_back(memory, plan, wanted, previous) if self._keeps_reserve else wanted
-        if not solved:
-            return driven, "solver failure"
-        return driven, None if driven == wanted else "intervention"
+        return driven, failure or (None if driven == wanted else "intervention")
 
     def _held_back(self, memory: Memory, plan: Plan | None, wanted: Input, previous: Input) -> Input:
         """What of a wanted input is driven."""

@@ -34,6 +34,9 @@ SIGMAS = 3.0
 EXCUSED = 0.5
 """Part of the safety margin by which a robot may cross a line before it is doubted."""
 
+STANDS_M = 1e-9
+"""Who moves by no more in a step stands: what rounding leaves of a speed."""
+
 settling_rate = kernel(_settling_rate)
 
 
@@ -124,7 +127,7 @@ class Reserve:
         return np.ascontiguousarray(grid[np.argsort(away, kind="stable")])
 
     def braking(self, memory: Memory, robot: str, driven: Input, steps: int) -> Array:
-        """Positions (T + 1, 2) from the present on, if a robot drives an input for some steps and then brakes.
+        """Positions (T + 1, 2) from the present on, if a robot drives an input some steps and then brakes.
 
         The steps begin when it was last seen, the present being the end of those that nobody saw.
         """
@@ -134,18 +137,16 @@ class Reserve:
         return path[unseen:]
 
     def _stretch(self, memory: Memory, robot: str, previous: Input) -> tuple[Array, Array]:
-        """The contingency (T + 1, 2) if the robot began to brake when it was last seen, and if it goes on yet."""
+        """The contingency (T + 1, 2) if the robot brakes since it was last seen, and if it goes on yet."""
         unseen = 0 if robot == self._robot else memory.unseen_steps(robot)
         brakes, goes_on = (self.braking(memory, robot, previous, steps) for steps in (0, unseen + 1))
         return brakes, goes_on
 
     def _array(self, robot: str) -> Array:
-        limits, step_s = self._scene.robot(robot).limits, self._scene.step_s
-        rates = limits.turn_acceleration_radps2 * step_s, limits.jerk_mps3 * step_s
-        return np.array([limits.speed_mps, limits.turn_rate_radps, limits.acceleration_mps2, *rates])
+        return _as_array(self._scene.robot(robot).limits, self._scene.step_s)
 
     def _has_crossed(self, memory: Memory, other: str, path: Array, accuracy: Accuracy) -> bool:
-        """Whether the present contingency of another robot is beyond its lines of the last step, and noise."""
+        """Whether another robot's present contingency is beyond its lines of the last step, and noise."""
         lines = self._lines.get(other)
         if lines is None or self._drawn != memory.step - 1 or memory.unseen_steps(other):
             return False
@@ -160,6 +161,20 @@ def braking_steps(limits: Limits, step_s: float) -> int:
     """The most steps in which a robot comes to a stand, whatever it drives; the last ones to settle."""
     ramp_s = 2.0 * limits.acceleration_mps2 / limits.jerk_mps3
     return math.ceil((limits.speed_mps / limits.acceleration_mps2 + ramp_s) / step_s) + 3
+
+
+def _as_array(limits: Limits, step_s: float) -> Array:
+    """Limits as :func:`contingency` takes them."""
+    rates = limits.turn_acceleration_radps2 * step_s, limits.jerk_mps3 * step_s
+    return np.array([limits.speed_mps, limits.turn_rate_radps, limits.acceleration_mps2, *rates])
+
+
+def braking_path(state: Array, previous: Input, limits: Limits, step_s: float) -> Array:
+    """Positions (n, 2), from the present one to the standstill that braking leads to."""
+    path = np.empty((braking_steps(limits, step_s) + 1, 2))
+    contingency(state, np.array(previous), _as_array(limits, step_s), step_s, 0, path)
+    moves = np.abs(np.diff(path, axis=0)).max(axis=1) > STANDS_M
+    return path[: 2 + int(np.flatnonzero(moves).max(initial=0))]
 
 
 def _could_meet(own: tuple[Array, Array], there: tuple[Array, Array], least_m: float) -> bool:

@@ -4,6 +4,8 @@ Of a robot that has crossed a line, nothing is assumed but that it goes on as it
 hard as its limits allow.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from agent.remember.memory import Memory

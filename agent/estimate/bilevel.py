@@ -38,7 +38,8 @@ UNEXPLAINED = 2.0
 """Misfit a number seen (half a square: 2σ) above which the present position is tried as a goal too. All goals
 far away make a robot that stands drive off in the same way, so that no derivative leads to where it is."""
 FIRST_DAMPING = 0.75
-"""Of Levenberg–Marquardt, in one over the square of ``way_m``; a tenth after a step that helps, tenfold after one that does not."""
+"""Of Levenberg–Marquardt, in one over the square of ``way_m``; a tenth after a step that helps, tenfold after
+one that does not."""
 SOLVER = RealTimeSolver(10, Deadline(lambda: 0.0, None))
 """Of the lower level: to convergence, which usually takes 1 to 4 iterations from the last solution, and no
 longer than 10. No estimate depends on the clock."""

@@ -99,13 +99,13 @@ def way_m(limits: Limits) -> float:
 
 
 def sigmas_of(scene: Scene, robots: Sequence[str], parts: Array) -> Array:
-    """σ of (p_x, p_y, ψ, v) of robots, shape (N, 4), from parts (4,) of their way, of a radian and top speed."""
+    """σ of (p_x, p_y, ψ, v) of robots, shape (N, 4), from parts (4,) of way, radian and top speed."""
     every = [scene.robot(robot).limits for robot in robots]
     return np.array([[way_m(each), way_m(each), 1.0, each.speed_mps] for each in every]) * parts
 
 
 def first_guess(scene: Scene, memory: Memory, robot: str) -> Array:
-    """The position (2,), inside the area, where a goal is thought to lie at first: ahead on the robot's course.
+    """The position (2,), inside the area, where a goal is thought to lie at first: ahead on its course.
 
     That far away that it just reaches its top speed on the way; but if it would park there on the course of
     somebody else, it is thought to go on for the whole horizon.

@@ -117,8 +117,9 @@ class JointFit:
 
     def _unexplained(self, robots: Sequence[str], missing: Array) -> Array:
         """Squares of what is missing (N, K_w, 4) over its variances, summed for each robot, shape (N,)."""
-        squares: Array = (missing / sigmas_of(self._scene, robots, SIGMAS)[:, None]) ** 2
-        return squares.sum(axis=(1, 2))
+        squares = (missing / sigmas_of(self._scene, robots, SIGMAS)[:, None]) ** 2
+        unexplained: Array = squares.sum(axis=(1, 2))
+        return unexplained
 
     def _place_standing(self, window: Window) -> None:
         """Who stands has come to its goal, or will show another one by driving on.
@@ -185,4 +186,5 @@ def gauss_newton(
     change = (covariance @ jacobian @ (missing / sigmas[:, None]).ravel()).reshape(-1, 2)
     lengths = np.linalg.norm(change, axis=1)
     parts = np.minimum(1.0, longest_m / np.maximum(lengths, longest_m))
-    return prior + change * parts[:, None], covariance
+    improved: Array = prior + change * parts[:, None]
+    return improved, np.asarray(covariance, dtype=np.float64)

@@ -44,8 +44,8 @@ class Planner:
     """Plans for one robot.
 
     Each plan starts from the self-prediction, so that the ego passes the others where they expect it. Where
-    there is none, it starts from the last plan, one step on. A plan that violates a distance, or stands before
-    somebody for good, is compared with one that starts from what the ego would do if it were alone.
+    there is none, it starts from the last plan, one step on. A plan that violates a distance, or stands
+    before somebody for good, is compared with one that starts from what the ego would do if it were alone.
 
     Args:
         scene: what everybody may know.

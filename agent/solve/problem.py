@@ -97,7 +97,7 @@ class JointProblem:
         return float(np.sum(self.weights * (states - self.goals[:, None]) ** 2))
 
     def violation_m(self, states: Array) -> float:
-        """Largest shortfall of a safety distance, or of the agreed side, that inputs could still influence."""
+        """Largest shortfall of a distance, or of the agreed side, that inputs could still influence."""
         positions = states[:, :, :2]
         everybody = np.concatenate([positions, self.obstacles])
         ways = positions[:, None] - everybody[None]

@@ -22,14 +22,14 @@ SIGMAS = 3.0
 """Noise of so many standard deviations is reckoned with."""
 
 Sides = Mapping[tuple[str, str], float]
-"""Of pairs, each in both orders: 1.0 where the way from the one to the other turns anticlockwise, else −1.0."""
+"""Of pairs, in both orders: 1.0 where the way from the one to the other turns anticlockwise, else −1.0."""
 
 
 def agreed_sides(scene: Scene, ways: Mapping[str, Array], sigmas_m: Mapping[str, float]) -> Sides:
     """The sides of all pairs that would come too close.
 
-    A miss within the noise of both, or within the margin that is kept beyond their bodies, tells no side: what
-    it would cost to change the side is not worth an argument.
+    A miss within the noise of both, or within the margin that is kept beyond their bodies, tells no side:
+    what it would cost to change the side is not worth an argument.
 
     Args:
         scene: the distances to keep.

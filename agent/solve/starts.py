@@ -16,8 +16,8 @@ from agent.solve.problem import (
 from agent.solve.vehicle import Array
 
 POOR = 0.1
-"""A solution that violates a distance by more than this part of it is looked for again elsewhere: it may be on
-the wrong side."""
+"""A solution that violates a distance by more than this part of it is looked for again elsewhere: it may be
+on the wrong side."""
 AWAY = 0.4
 """In safety distances: a robot that is no further from its goal is nearly there."""
 STANDS = 0.015
@@ -101,7 +101,7 @@ class WarmStarts:
         return start
 
     def keep(self, robots: Sequence[str], solution: Solution) -> None:
-        """Remember a solution of these robots and forget all earlier ones; one that failed is forgotten too."""
+        """Remember a solution of these robots and forget all earlier ones; of one that failed, nothing."""
         parts = zip(solution.inputs, solution.forces, solution.limit_multipliers, strict=True)
         self._last = dict(zip(robots, parts, strict=True)) if solution.solved else {}
 

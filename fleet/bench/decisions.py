@@ -77,7 +77,7 @@ class PredictionRow(Row):
             loops=len(loops),
             first=Times.of(loop[0].duration_ms for loop in loops),
             later=Times.of(solved.duration_ms for loop in loops for solved in loop[1:]),
-            unsolved=sum(solved.unsolved for solved in every),
+            unsolved=sum(not solved.solution.solved for solved in every),
             predicted_shortfall_m=max(solved.solution.violation_m for solved in every),
             driven_shortfall_m=max(map(shortfall_m, loops)),
         )
@@ -113,7 +113,7 @@ class Side(Record):
         return cls(
             first_cpu_ms=float(problems[0].duration_ms[0]),
             later=Times.of(each.duration_ms for each in problems[1:]),
-            unsolved=sum(each.unsolved for each in problems),
+            unsolved=sum(not each.solution.solved for each in problems),
             objective=sum(each.solution.objective for each in problems[1:]),
             predicted_shortfall_m=max(each.solution.violation_m for each in problems),
             cost=cost(loop),
@@ -165,7 +165,7 @@ class ComparisonRow(Row):
         what = f"comparison: {scenario.name},"
         fast, judge = TimedSolver("realtime"), TimedSolver("reference")
         own = _whole(drive(scenario, fast, steps), f"{what} real-time solver drives", progress)
-        replayed = (judge.best(each.problem, each.starts) for each in own)
+        replayed = (judge.solve(each.problem, each.start) for each in own)
         same = _whole(replayed, f"{what} reference solver on the same problems", progress)
         # From where the other began: in symmetrical scenarios mirrored minima are equally good.
         first = own[0].solution.start(warm=False)

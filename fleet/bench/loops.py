@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -10,8 +11,8 @@ import numpy as np
 from agent.estimate.goals import known_goal
 from agent.remember.memory import Memory
 from agent.solve import ITERATIONS, Deadline, SolverName, joint_solver
-from agent.solve.multistart import WarmStarts, best_solution
 from agent.solve.problem import JointProblem, Solution, Start, braking_inputs, joint_problem
+from agent.solve.starts import WarmStarts, cold_start
 from agent.solve.vehicle import Array, rollout
 from fleet.bench.measuring import clocks_ms
 from protocol.scenario import Pose, Scenario, ScenarioRobot
@@ -81,16 +82,14 @@ class Solved:
     """One step's problem, where its solution was started from, what came out and how long that took."""
 
     problem: JointProblem
-    starts: Sequence[Start]
+    start: Start
     solution: Solution
     duration_ms: Array
     """As of :func:`fleet.bench.measuring.clocks_ms`."""
-    unsolved: int
-    """Starts from which no solution was found."""
 
 
 class TimedSolver:
-    """Solves a step's problem as :mod:`agent.solve.prediction` does, with a stopwatch.
+    """Solves a step's problem, with a stopwatch.
 
     Args:
         name: of the solver.
@@ -98,19 +97,12 @@ class TimedSolver:
 
     def __init__(self, name: SolverName) -> None:
         self._solver = joint_solver(name, ITERATIONS, NO_DEADLINE)
-        self._unsolved = 0
 
-    def solve(self, problem: JointProblem, start: Start) -> Solution:
-        """Solve from one start, counting failures."""
+    def solve(self, problem: JointProblem, start: Start) -> Solved:
+        """Solve from a start."""
+        begin_ms = clocks_ms()
         solution = self._solver.solve(problem, start)
-        self._unsolved += not solution.solved
-        return solution
-
-    def best(self, problem: JointProblem, starts: Sequence[Start]) -> Solved:
-        """Solve from each start and take the best solution."""
-        self._unsolved, begin_ms = 0, clocks_ms()
-        solution = best_solution(self, problem, starts, NO_DEADLINE)
-        return Solved(problem, starts, solution, clocks_ms() - begin_ms, self._unsolved)
+        return Solved(problem, start, solution, clocks_ms() - begin_ms)
 
 
 def drive(
@@ -125,7 +117,7 @@ def drive(
         scenario: whose robots drive, all goals being known.
         solver: what they drive by.
         steps: how many.
-        first: where the first solution starts from; None for all cold starts.
+        first: where the first solution starts from; None for robots that brake, leaning to their left.
     """
     scene = scenario.scene(with_goals=True)
     robots = {robot.id: robot for robot in scenario.robots}
@@ -137,16 +129,21 @@ def drive(
         goals = {name: known_goal(robot.goal_pose(), memory.state(name)) for name, robot in robots.items()}
         inputs = {name: memory.previous_input(name) for name in names}
         problem = joint_problem(scene, memory.present(), goals, {}, inputs)
-        starts = [first] if first is not None and step == 0 else warm_starts.starts(problem, names)
-        solved = solver.best(problem, starts)
+        begin = cold_start(problem) if step else first or _leaning(problem)
+        start = warm_starts.start(problem, names, otherwise=partial(replace, begin))
+        solved = solver.solve(problem, start)
         yield solved
-        if solved.solution.solved:
-            warm_starts.keep(names, solved.solution)
-            driven = solved.solution.inputs[:, :1]
-        else:
-            warm_starts.forget()
-            driven = braking_inputs(problem)[:, :1]
+        warm_starts.keep(names, solved.solution)
+        inputs_found = solved.solution.inputs if solved.solution.solved else braking_inputs(problem)
+        driven = inputs_found[:, :1]
         states = rollout(problem.states, driven, problem.step_s)[:, -1]
+
+
+def _leaning(problem: JointProblem) -> Start:
+    """All brake while they turn to their left, so that a symmetrical crossing begins as a roundabout."""
+    start = cold_start(problem)
+    start.inputs[:, :, 0] += problem.rate_bounds[:, :1]
+    return start
 
 
 def cost(loop: Sequence[Solved]) -> float:

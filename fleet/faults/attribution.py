@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.drive.safety import braking_path, positions_ahead
+from agent.drive.reserve import braking_path
+from agent.drive.safety import positions_ahead
 from protocol.messages import TrueRobot, Truth
 from protocol.scene import Scene
 from protocol.vehicle import Input
