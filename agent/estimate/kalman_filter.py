@@ -53,7 +53,8 @@ def updated(points: Array, images: Array, observed: Array, variances: Array) -> 
 
 SIGMAS = np.array([0.012, 0.012, 0.2, 0.09])
 """σ of p_x, p_y, ψ and v, in parts of ``way_m``, rad and of top speed: how well the model brings a robot to
-where it is. Looks back overlap, so that one wrong prediction counts several times: half of this was too little."""
+where it is. Looks back overlap, so that one wrong prediction counts several times: half of this was too
+little."""
 WALK = 0.012
 """Standard deviation of a goal's random walk in one step, in parts of ``way_m``."""
 GUESSED = 0.5

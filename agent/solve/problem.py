@@ -106,7 +106,8 @@ class JointProblem:
         along = np.abs((ways * sight).sum(axis=-1))
         across = self.sides[:, :, None] * (sight[..., 0] * ways[..., 1] - sight[..., 1] * ways[..., 0])
         beside = np.sqrt(np.maximum(distances**2 - along**2, 0.0))
-        wrong = (self.sides[:, :, None] != 0.0) & ((across < 0.0) | (gaps < distances))
+        is_agreed = (self.sides[:, :, None] != 0.0) & (gaps[:, :, :1] > 0.0)
+        wrong = is_agreed & ((across < 0.0) | (gaps < distances))
         turned = np.where(along < distances, (along**2 + beside * across) / distances, along)
         shortfall = (distances - np.where(wrong, turned, gaps))[:, :, FIRST_FREE_STAGE:]
         count = len(positions)

@@ -15,8 +15,8 @@ from agent.methods import method_of
 from agent.process.options import RobotOptions
 from agent.remember.memory import Memory
 from agent.solve import ITERATIONS, Clock, Deadline, joint_solver
-from agent.solve.multistart import cold_starts
-from agent.solve.problem import JointProblem, JointSolver, Solution, Start
+from agent.solve.problem import JointProblem, JointSolver, Solution, Start, braking_inputs, within_limits
+from agent.solve.starts import cold_start
 from agent.solve.vehicle import Array
 from protocol.messages import Accuracy, Mind, Observation, State, Timings
 from protocol.scene import Area, Goal, PublicRobot, Scene
@@ -137,6 +137,7 @@ def problem_of(
         limits=(limits or Limits(),) * count,
         obstacles=moving,
         safety_distances=np.full((count, count + len(moving)), SAFETY_M),
+        sides=np.zeros((count, count + len(moving))),
         area=np.array([[-area_m, -area_m], [area_m, area_m]]),
         weights=np.array(weights),
         steps=steps,
@@ -155,9 +156,11 @@ def assert_inputs_within_limits(problem: JointProblem, inputs: Array) -> None:
     assert (np.abs(changes) <= STEP_S * rates + 1e-9).all()
 
 
-def cold(problem: JointProblem) -> Start:
-    """The preferred start when nothing is known."""
-    return cold_starts(problem)[0]
+def cold(problem: JointProblem, turn_radps: float = 0.2) -> Start:
+    """Everybody brakes and turns, so that symmetric crossings begin as a roundabout; no forces are known."""
+    inputs = braking_inputs(problem)
+    inputs[:, :, 0] = turn_radps
+    return cold_start(problem, within_limits(problem, inputs))
 
 
 def seen(

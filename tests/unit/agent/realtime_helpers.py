@@ -1,35 +1,35 @@
 """Trajectories, quadratic programs and recorded problems for the tests of the real-time solver."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import casadi as ca
 import numpy as np
-from agent_helpers import NEVER, problem_of
+from agent_helpers import NEVER, cold, problem_of
 
 from agent.solve import ITERATIONS, joint_solver
-from agent.solve.multistart import WarmStarts, best_solution
-from agent.solve.problem import PRICE_PER_M, JointProblem, JointSolver, Solution, Start
+from agent.solve.problem import JointProblem, JointSolver, Solution, Start
 from agent.solve.realtime.distances import NOBODY
 from agent.solve.realtime.kkt import Program
-from agent.solve.realtime.profiles import states_of
 from agent.solve.realtime.sequential import program_about
-from agent.solve.realtime.solver import _data_of
+from agent.solve.realtime.solver import _begin, _units_of
+from agent.solve.starts import WarmStarts
 from agent.solve.vehicle import Array, rollout
 
-FAR_M = 2.0
+FAR = 1.5
 """Rows with a larger gap are left out of the oracle's programs at first."""
 
 
 def recorded_programs(problem: JointProblem, steps: range) -> list[Program]:
-    """The quadratic programs with which these steps of a closed loop begin."""
+    """The quadratic programs with which these steps of a closed loop begin, in the solver's units."""
     programs = []
     for each in [*closed_loop(problem, steps.stop)][steps.start :: steps.step]:
-        start = each.starts[0]
-        states = states_of(each.problem.states, start.inputs, problem.step_s)
-        programs.append(program_about(_data_of(each.problem), states, start.forces, PRICE_PER_M))
+        units = _units_of(each.problem)
+        data, states, forces, _ = _begin(each.problem, each.start, units)
+        programs.append(program_about(data, states, forces, each.problem.price_per_m / units.force))
     return programs
 
 
@@ -134,7 +134,7 @@ def by_the_oracle(program: DenseProgram) -> Array:
 
     Rows with much room are left out at first, to save time.
     """
-    active = program.gap < FAR_M
+    active = program.gap < FAR
     while True:
         change = _by_the_oracle(program, program.rows[active], program.gap[active])
         broken = (program.gap + program.rows @ change < 0.0) & ~active
@@ -183,7 +183,7 @@ class Recorded:
     """A step of a closed loop: what was to be solved, from where, and what came of it."""
 
     problem: JointProblem
-    starts: Sequence[Start]
+    start: Start
     solution: Solution
 
 
@@ -192,9 +192,9 @@ def closed_loop(problem: JointProblem, steps: int, solver: JointSolver | None = 
     solver = solver or joint_solver("realtime", ITERATIONS, NEVER)
     warm, robots = WarmStarts(), [str(robot) for robot in range(len(problem.states))]
     for _ in range(steps):
-        starts = warm.starts(problem, robots)
-        solution = best_solution(solver, problem, starts, NEVER)
+        start = warm.start(problem, robots, otherwise=partial(cold, problem))
+        solution = solver.solve(problem, start)
         assert solution.solved
-        yield Recorded(problem, starts, solution)
+        yield Recorded(problem, start, solution)
         warm.keep(robots, solution)
         problem = replace(problem, states=solution.states[:, 1], previous_inputs=solution.inputs[:, 0])

@@ -10,7 +10,7 @@ from agent_helpers import STEP_S, euler
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.remember.memory import LONGEST_GAP, MOST_CAUTION_M, Memory, Track
+from agent.remember.memory import LONGEST_GAP, MOST_CAUTIOUS_STEPS, Memory, Track
 from protocol.vehicle import STANDSTILL, Input, Limits, nearest_turn, wrap_angle
 
 WINDOW = 17
@@ -118,7 +118,10 @@ def test_caution_is_how_far_an_acceleration_takes_a_robot_while_nobody_sees_it_u
     assert unseen_for(4).caution_m("b") == pytest.approx(0.24)
     assert unseen_for(4, limits=Limits(acceleration_mps2=0.5)).caution_m("b") == pytest.approx(0.04)
     assert unseen_for(0).caution_m("b") == unseen_for(4).caution_m("a") == 0.0
-    assert unseen_for(LONGEST_GAP).caution_m("b") == MOST_CAUTION_M < 3.0 * (LONGEST_GAP * STEP_S) ** 2 / 2.0
+    most_m = 3.0 * (MOST_CAUTIOUS_STEPS * STEP_S) ** 2 / 2.0
+    for steps in (0, MOST_CAUTIOUS_STEPS, LONGEST_GAP):
+        assert unseen_for(steps).most_caution_m("b") == pytest.approx(most_m)
+    assert unseen_for(LONGEST_GAP).caution_m("b") == pytest.approx(most_m)
 
 
 LOW = (0.02, 0.02, math.radians(2.0), 0.05)
@@ -195,16 +198,13 @@ def test_a_view_that_is_repeated_while_the_first_one_is_late_counts_once():
     np.testing.assert_array_equal(memory.states("a", WINDOW), once.states)
 
 
-def test_a_state_is_certain_if_it_was_seen_now_and_without_noise():
+def test_how_exactly_a_robot_is_known_is_told_by_when_it_was_last_seen():
     memory = Memory(WINDOW, STEP_S, owner="me")
     memory.remember(0, {"me": TRUE[0], "a": TRUE[0]})
-    assert memory.is_certain("a")
-    memory.remember(1, {"me": TRUE[0]})
-    assert (memory.is_certain("me"), memory.is_certain("a")) == (True, False)
-    memory.remember(2, {"me": TRUE[0], "a": TRUE[1]}, age_steps=1)
-    assert (memory.is_certain("me"), memory.is_certain("a")) == (True, False)
-    memory.remember(3, {"me": TRUE[0], "a": TRUE[3]}, sigmas=LOW)
-    assert not memory.is_certain("a")
+    assert (memory.is_exact("a"), memory.sigma_m("a")) == (True, 0.0)
+    for step, seen in ((1, {"me": TRUE[1], "a": TRUE[1]}), (2, {"me": TRUE[2]})):
+        memory.remember(step, seen, sigmas=LOW)
+        assert (memory.is_exact("a"), memory.sigma_m("a")) == (False, LOW[0])
 
 
 def test_everybody_knows_that_robots_stand_at_first():

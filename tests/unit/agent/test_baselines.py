@@ -20,13 +20,12 @@ from agent_helpers import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_agent_closed_loop import run
-from test_prediction_and_planning import advance, assert_same_starts
+from test_prediction_and_planning import advance, assert_begins_with
 
 from agent.estimate import GoalsName
 from agent.methods import method_of
 from agent.process import options
 from agent.remember.perception import REACQUIRED_AFTER
-from agent.solve.multistart import cold_starts
 from agent.solve.orca import HORIZON_S, LEAN_RAD, PREFERRED_SPEED_MPS, OrcaPlanner, tracking_input
 from agent.solve.planning import Planner
 from agent.solve.prediction import Prediction
@@ -83,16 +82,18 @@ def test_without_a_self_prediction_a_plan_starts_from_the_last_one_a_step_on_if_
         prediction = predictor.predict(memory, {}, ())
         plans.append(planner.plan(memory, goal, STANDSTILL, prediction))
         advance(memory, {"a": plans[-1].inputs, "b": np.zeros((1, 2))})
-    *cold, (problem, warm) = solver.asked
+    (alone, _), (_, cold), *_, (problem, warm) = solver.asked
+    assert len(alone.obstacles) == 0
+    assert_begins_with(cold, solver.answered[0].inputs)
     np.testing.assert_array_equal(problem.goals, [goal])
     np.testing.assert_array_equal(problem.obstacles, [prediction.paths["b"]])
-    assert_same_starts([start for _, start in cold], cold_starts(cold[0][0]))
+    np.testing.assert_array_equal(problem.sides, [[0.0, -1.0]])
     assert warm.warm
     np.testing.assert_array_equal(warm.inputs[0], [*plans[0].inputs[1:], STRAIGHT])
     for solver.fails in ({"plan"}, set()):
         asked = len(solver.asked)
         planner.plan(memory, goal, STANDSTILL, predictor.predict(memory, {}, ()))
-    assert not solver.asked[asked][1].warm
+    assert not next(start for problem, start in solver.asked[asked:] if len(problem.obstacles)).warm
 
 
 poses = st.tuples(*[st.floats(-3.0, 3.0)] * 3, st.floats(-2.0, 2.0))

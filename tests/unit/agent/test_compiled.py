@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from agent_helpers import cold
 from realtime_helpers import random_crossing
 
 import agent
@@ -22,7 +23,6 @@ from agent.solve.compiled import (
     places,
     sources,
 )
-from agent.solve.multistart import cold_starts
 
 PACKAGE = Path(agent.__file__).parent
 TRIES = 500
@@ -35,7 +35,7 @@ def test_a_solution_does_not_depend_on_where_the_arrays_lie():
     chance = random.Random(5)
     solver = joint_solver("realtime", 2, Deadline(time.perf_counter, None))
     problem = random_crossing(3, 1)
-    first = solver.solve(problem, cold_starts(problem)[0])
+    first = solver.solve(problem, cold(problem))
     start = first.start()
     others, found = [], set()
     for _ in range(TRIES):

@@ -8,7 +8,8 @@ import pytest
 from agent_helpers import agent_of, euler, scene_of, seen
 
 from agent.agent import Decision
-from agent.drive.safety import BLIND_STEPS, CollisionMonitor
+from agent.drive.reserve import Reserve
+from agent.drive.safety import BLIND_STEPS, LastResort
 from agent.remember.memory import LONGEST_GAP
 from agent.remember.perception import REACQUIRED_AFTER
 from protocol.scene import Goal
@@ -80,7 +81,8 @@ def test_an_intervention_is_told_and_brakes(monkeypatch):
     drive.on()
     braking = drive.braking()
     with monkeypatch.context() as dangerous:
-        dangerous.setattr(CollisionMonitor, "must_brake", lambda *_: True)
+        dangerous.setattr(Reserve, "doubted", lambda *_: ["b"])
+        dangerous.setattr(LastResort, "must_brake", lambda *_: True)
         decision = drive.on()
     assert decision.mind.degraded == ("intervention",)
     assert decision.command.input == braking

@@ -23,6 +23,7 @@ INPUTS = st.tuples(FRACTIONS, FRACTIONS).map(
     lambda each: Input(2.0 * each[0] * LIMITS.turn_rate_radps, 2.0 * each[1] * LIMITS.acceleration_mps2)
 )
 """Wanted ones; the vehicle drives what its limits make of them."""
+SCALES = st.sampled_from([0.02, 1.0, 10.0])
 HELD = st.tuples(INPUTS, st.integers(1, 25))
 TURN = LIMITS.turn_rate_radps
 TIGHTEST = [Input(TURN, 3.0)] * 60 + [Input(TURN, -3.0)] * 30
@@ -32,27 +33,41 @@ DRIVES = st.lists(HELD, min_size=1, max_size=8).map(
 )
 
 
-def gate() -> Gate:
-    return Gate(STEP_S, lambda _: LIMITS)
+def scaled(scale: float) -> Limits:
+    """Of a vehicle that does the same so many times as large, in the same time."""
+    return LIMITS.model_copy(
+        update={
+            name: scale * getattr(LIMITS, name) for name in ("speed_mps", "acceleration_mps2", "jerk_mps3")
+        }
+    )
 
 
-def driven(inputs: Sequence[Input], *, speed_mps: float = 0.0, heading_rad: float = 0.0) -> list[State]:
+def gate(limits: Limits = LIMITS) -> Gate:
+    return Gate(STEP_S, lambda _: limits)
+
+
+def driven(
+    inputs: Sequence[Input], *, speed_mps: float = 0.0, heading_rad: float = 0.0, scale: float = 1.0
+) -> list[State]:
     """As the world moves a vehicle that wants these inputs."""
-    state, previous = VehicleState(0.0, 0.0, heading_rad, speed_mps), STANDSTILL
+    state, previous = VehicleState(0.0, 0.0, heading_rad, scale * speed_mps), STANDSTILL
     states = [State.of(*state)]
-    for wanted in inputs:
-        state, previous, _ = drive(LIMITS, state, previous, wanted, STEP_S)
+    for turn_rate, acceleration in inputs:
+        wanted = Input(turn_rate, scale * acceleration)
+        state, previous, _ = drive(scaled(scale), state, previous, wanted, STEP_S)
         states.append(State.of(*state))
     return states
 
 
-def state(x_m: float, y_m: float = 0.0, heading_rad: float = 0.0, speed_mps: float = 2.0) -> State:
-    return State(x_m=x_m, y_m=y_m, heading_rad=heading_rad, speed_mps=speed_mps)
+def state(
+    x_m: float, y_m: float = 0.0, heading_rad: float = 0.0, speed_mps: float = 2.0, *, scale: float = 1.0
+) -> State:
+    return State(x_m=scale * x_m, y_m=scale * y_m, heading_rad=heading_rad, speed_mps=scale * speed_mps)
 
 
-def straight(step: int, speed_mps: float = 2.0) -> State:
+def straight(step: int, *, scale: float = 1.0) -> State:
     """Along x."""
-    return state(speed_mps * STEP_S * step, speed_mps=speed_mps)
+    return state(2.0 * STEP_S * step, scale=scale)
 
 
 def judged(by: Gate, states: Sequence[State], first: int = 0, accuracy: Accuracy = EXACT) -> list[str]:
@@ -60,24 +75,29 @@ def judged(by: Gate, states: Sequence[State], first: int = 0, accuracy: Accuracy
     return [by.judge("a", first + step, each, accuracy) for step, each in enumerate(states)]
 
 
-def watching(steps: int = 5) -> Gate:
+def watching(steps: int = 5, scale: float = 1.0) -> Gate:
     """A gate that has seen a robot drive straight on until the step before this one."""
-    begun = gate()
-    assert judged(begun, [straight(step) for step in range(steps)]) == [BELIEVED] * steps
+    begun = gate(scaled(scale))
+    assert judged(begun, [straight(step, scale=scale) for step in range(steps)]) == [BELIEVED] * steps
     return begun
 
 
 @settings(max_examples=50)
-@example(TIGHTEST, 0.0, 0.0, [1] * 90)
-@example(TIGHTEST, 0.0, 0.0, [LONGEST_GAP] * 9)
+@example(TIGHTEST, 0.0, 0.0, [1] * 90, 0.02)
+@example(TIGHTEST, 0.0, 0.0, [LONGEST_GAP] * 9, 10.0)
 @given(
     DRIVES,
     st.floats(-LIMITS.speed_mps, LIMITS.speed_mps),
     st.floats(-math.pi, math.pi),
     st.just([1] * 200) | st.lists(st.integers(1, LONGEST_GAP), min_size=1, max_size=60),
+    SCALES,
 )
-def test_whatever_a_vehicle_drives_is_believed_also_what_nobody_saw(inputs, speed_mps, heading_rad, gaps):
-    states, by = driven(inputs, speed_mps=speed_mps, heading_rad=heading_rad), gate()
+def test_whatever_a_vehicle_drives_is_believed_also_what_nobody_saw(
+    inputs, speed_mps, heading_rad, gaps, scale
+):
+    """However large it is, and however small."""
+    states = driven(inputs, speed_mps=speed_mps, heading_rad=heading_rad, scale=scale)
+    by = gate(scaled(scale))
     seen = [step for step in np.cumsum([0, *gaps]).tolist() if step < len(states)]
     assert {by.judge("a", step, states[step], EXACT) for step in seen} == {BELIEVED}
 
@@ -99,22 +119,17 @@ def test_noise_of_the_told_accuracy_is_hardly_ever_refused(held, position_m, hea
     assert len(judgements) - judgements.count(BELIEVED) <= 0.01 * len(judgements)
 
 
+@pytest.mark.parametrize("scale", [0.02, 1.0, 10.0])
 @pytest.mark.parametrize(
     "told",
-    [
-        state(1.0 + 1.0),
-        state(1.0, y_m=-0.6),
-        state(1.0, speed_mps=2.0 + 1.0),
-        state(1.0, speed_mps=-2.0),
-        state(1.0, heading_rad=0.4),
-        state(1.0, heading_rad=-math.pi),
-    ],
+    [(2.0,), (1.0, -0.6), (1.0, 0.0, 0.0, 3.0), (1.0, 0.0, 0.0, -2.0), (1.0, 0.0, 0.4), (1.0, 0.0, -math.pi)],
     ids=["ahead", "aside", "much faster", "backwards at once", "turned too far", "turned round"],
 )
-def test_what_no_vehicle_can_do_in_a_step_is_refused(told):
-    by = watching()
-    assert by.judge("a", 5, told, EXACT) == REFUSED
-    assert by.judge("a", 6, straight(6), EXACT) == BELIEVED, "what comes next is judged by what was believed"
+def test_what_no_vehicle_can_do_in_a_step_is_refused(told, scale):
+    by = watching(scale=scale)
+    assert by.judge("a", 5, state(*told, scale=scale), EXACT) == REFUSED
+    on = straight(6, scale=scale)
+    assert by.judge("a", 6, on, EXACT) == BELIEVED, "what comes next is judged by what was believed"
 
 
 def test_a_robot_whose_place_stays_while_it_says_that_it_moves_is_refused():

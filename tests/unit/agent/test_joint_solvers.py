@@ -22,7 +22,6 @@ from hypothesis import strategies as st
 from realtime_helpers import random_crossing
 
 from agent.solve import ITERATIONS, joint_solver, reference
-from agent.solve.multistart import cold_starts
 from agent.solve.problem import JointProblem, JointSolver, Solution, Start
 from agent.solve.reference import ReferenceSolver
 
@@ -63,7 +62,7 @@ def test_two_robots_head_on_pass_on_the_same_own_side_and_on_the_other_one_from_
     problem = problem_of(
         [(-4.0, 0.0, 0.0, 0.0), (4.0, 0.0, math.pi, 0.0)], [(4.0, 0.0, 0.0, 0.0), (-4.0, 0.0, math.pi, 0.0)]
     )
-    leaning, mirrored = (solve(solver, problem, start) for start in cold_starts(problem)[:2])
+    leaning, mirrored = (solve(solver, problem, cold(problem, turn)) for turn in (0.2, -0.2))
     assert leaning.solved
     assert mirrored.solved
     gaps = np.linalg.norm(leaning.states[0, :, :2] - leaning.states[1, :, :2], axis=1)

@@ -1,4 +1,4 @@
-"""Estimators that begin 8 m ahead: what they find out about goals, their arithmetic, what throws none."""
+"""Estimators that begin straight ahead: what they find out about goals, their arithmetic, their manners."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from agent_helpers import SOLVERS, STEP_S, problem_of, remembered, scene_of
+from agent_helpers import SOLVERS, STEP_S, cold, problem_of, remembered, scene_of, square
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,20 +18,20 @@ import agent.estimate.bilevel as bilevel
 import agent.estimate.joint_fit as joint_fit
 import agent.estimate.kalman_filter as kalman_filter
 from agent.estimate.bilevel import Bilevel, ForwardProblem, fitted
-from agent.estimate.goals import AHEAD_M, GoalEstimator
+from agent.estimate.goals import GoalEstimator, first_guess, sigmas_of, way_m
 from agent.estimate.inverse_optimal_control import InverseOptimalControl
-from agent.estimate.joint_fit import LONGEST_M, SIGMAS, JointFit, gauss_newton
+from agent.estimate.joint_fit import JointFit, gauss_newton
 from agent.estimate.kalman_filter import SPREAD, KalmanFilter, sigma_points, updated
 from agent.estimate.window import WindowStarts, window_of
 from agent.remember.memory import Memory
-from agent.solve.multistart import cold_starts
 from agent.solve.problem import JointProblem, JointSolver
 from agent.solve.realtime.kkt import Program
 from agent.solve.realtime.profiles import pull_back
 from agent.solve.realtime.qp import solve_program
 from agent.solve.realtime.sequential import response
 from agent.solve.vehicle import Array
-from protocol.scene import Horizons
+from protocol.scene import Horizons, PublicRobot, Scene
+from protocol.vehicle import Limits
 
 
 @cache
@@ -63,7 +63,7 @@ def errors_m(estimator: GoalEstimator, states: Array, goals: Array) -> Array:
 
 ESTIMATORS = pytest.mark.parametrize("estimator_of", [KalmanFilter, Bilevel, JointFit])
 TURNING = problem_of([(-3.0, -2.0, 0.0, 0.0)], [(1.5, 2.0, 0.8, 0.0)])
-"""A robot whose goal is neither straight ahead nor 8 m away."""
+"""A robot whose goal is neither straight ahead nor where it is first taken to be."""
 CROSSING = problem_of(
     [(-3.0, 0.2, 0.0, 0.0), (0.1, -3.0, np.pi / 2, 0.0)], [(3.0, 0.5, 0.0, 0.0), (0.0, 2.5, np.pi / 2, 0.0)]
 )
@@ -104,11 +104,13 @@ def test_the_upper_level_finds_the_least_squares_solution():
     memory, scene = remembered({"0": states[:20, 0]}), scene_of("0")
     forward, last = ForwardProblem(scene, memory, window_of(memory, ["0"], scene)), np.array([2.0, 1.0])
 
+    sigmas, pull_m = sigmas_of(scene, "0", bilevel.SIGMAS)[0], bilevel.PULL * way_m(Limits())
+
     def residuals(goal: Any) -> Any:
         problem = forward.of(goal)
-        path = SOLVERS["reference"].solve(problem, cold_starts(problem)[0]).states[0, 1 : length + 1]
-        missing = (states[8:20, 0] - path) / bilevel.SIGMAS
-        return np.concatenate([missing.ravel(), (goal - last) / bilevel.PULL_M])
+        path = SOLVERS["reference"].solve(problem, cold(problem)).states[0, 1 : length + 1]
+        missing = (states[8:20, 0] - path) / sigmas
+        return np.concatenate([missing.ravel(), (goal - last) / pull_m])
 
     expected = least_squares(residuals, last, diff_step=1e-3, xtol=1e-4).x
     start = WindowStarts().start(forward.of(last), forward.window)
@@ -135,7 +137,7 @@ def test_a_robot_that_appears_is_first_taken_to_go_straight_on_and_one_that_vani
     estimator = estimator_of(scene_of("ab"))
     far = {"a": np.array([(-4.0, 0.0, 0.0, 1.0)])}
     first = estimator.estimate(remembered(far))
-    np.testing.assert_allclose(first["a"], [-4.0 + AHEAD_M, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(first["a"], [-4.0 + way_m(Limits()), 0.0, 0.0, 0.0])
     both = remembered(
         {"a": np.array([(-4.0, 0.0, 0.0, 1.0), (-3.9, 0.0, 0.0, 1.0)]), "b": np.array([(0.0, 9.0, 1.5, 0.0)])}
     )
@@ -143,6 +145,30 @@ def test_a_robot_that_appears_is_first_taken_to_go_straight_on_and_one_that_vani
     assert set(found) == {"a", "b"}
     assert found["b"][1] == 10.0, "its goal is kept inside the area"
     assert set(estimator.estimate(remembered(far))) == {"a"}
+
+
+@pytest.mark.parametrize("scale", [0.02, 1.0, 10.0])
+def test_a_goal_is_first_guessed_where_top_speed_is_just_reached_but_not_on_somebody_elses_course(scale):
+    """With top speed 2, braking at 1 and jerk 2: 4 m to speed up and stop, and 1 m to change between them."""
+    limits = Limits(
+        speed_mps=2.0 * scale, acceleration_mps2=scale, jerk_mps3=2.0 * scale, turn_rate_radps=1.0
+    )
+    robot = PublicRobot(limits=limits, radius_m=0.5 * scale)
+    scene = Scene(robots={"a": robot, "b": robot}, area=square(20.0 * scale))
+
+    def guess(other: tuple[float, ...]) -> Array:
+        states = {"a": np.array([(0.0, 1.0, 0.0, 0.0)]), "b": np.array([other])}
+        memory = remembered({name: state * [scale, scale, 1.0, scale] for name, state in states.items()})
+        return first_guess(scene, memory, "a") / scale
+
+    horizon_m = 2.0 * 3.0
+    for other, expected in (
+        ((5.0, 9.0, np.pi / 2, 1.0), 5.0),  # it drives away
+        ((5.0, -9.0, np.pi / 2, 1.0), 5.0),  # it does not come so far
+        ((5.9, -4.0, np.pi / 2, 0.0), horizon_m),  # a would stand in its way
+        ((6.1, -4.0, np.pi / 2, 0.0), 5.0),  # the bodies would not touch
+    ):
+        np.testing.assert_allclose(guess(other), [expected, 1.0], rtol=1e-12)
 
 
 @ESTIMATORS
@@ -257,17 +283,18 @@ def test_the_response_to_a_shifted_goal_is_that_of_finite_differences(robots, se
 @settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(1, 6), st.sampled_from([1e-2, 10.0]))
 def test_a_gauss_newton_step_solves_the_least_squares_problem(seed, robots, length, far):
-    """Against numpy's least squares on the residuals written out; no goal moves further than LONGEST_M."""
+    """Against numpy's least squares on the residuals written out; no goal moves further than it may."""
     random = np.random.default_rng(seed)
     by_goal = random.normal(size=(2 * robots, robots, length, 4))
-    missing = far * random.normal(size=(robots, length, 4)) * SIGMAS
+    sigmas, longest_m = random.uniform(0.1, 2.0, (robots, 4)), random.uniform(0.5, 2.0, robots)
+    missing = far * random.normal(size=(robots, length, 4)) * sigmas[:, None]
     root = random.normal(size=(2 * robots, 2 * robots)) + 4.0 * np.eye(2 * robots)
     prior = random.normal(size=(robots, 2))
-    found, covariance = gauss_newton(prior, root.T @ root, by_goal, missing)
-    rows = np.concatenate([(by_goal / SIGMAS).reshape(2 * robots, -1).T, root])
-    right = np.concatenate([(missing / SIGMAS).ravel(), np.zeros(2 * robots)])
+    found, covariance = gauss_newton(prior, root.T @ root, by_goal, missing, sigmas, longest_m)
+    rows = np.concatenate([(by_goal / sigmas[:, None]).reshape(2 * robots, -1).T, root])
+    right = np.concatenate([(missing / sigmas[:, None]).ravel(), np.zeros(2 * robots)])
     expected = np.linalg.lstsq(rows, right, rcond=None)[0].reshape(-1, 2)
-    expected *= np.minimum(1.0, LONGEST_M / np.linalg.norm(expected, axis=1, keepdims=True))
+    expected *= np.minimum(1.0, longest_m / np.linalg.norm(expected, axis=1))[:, None]
     np.testing.assert_allclose(found - prior, expected, atol=1e-8)
     np.testing.assert_allclose(covariance, np.linalg.inv(rows.T @ rows), rtol=1e-6, atol=1e-9)
 

@@ -1,17 +1,18 @@
 """Prediction (eq. 7) and planning (eq. 1) around a solver that is watched, and with both solvers."""
 
 import math
-from itertools import combinations
 
 import numpy as np
 import pytest
-from agent_helpers import NEVER, SAFETY_M, SOLVERS, STEP_S, Watched, euler, remembered, scene_of
+from agent_helpers import NEVER, SAFETY_M, SOLVERS, STEP_S, Watched, cold, euler, remembered, scene_of
+from hypothesis import given
+from hypothesis import strategies as st
 
 from agent.remember.memory import Memory
-from agent.solve.multistart import WarmStarts, cold_starts
-from agent.solve.planning import Planner
-from agent.solve.prediction import RETRY_STEPS, Predictor
+from agent.solve.planning import EVENLY, Planner, arrival_weight
+from agent.solve.prediction import Prediction, Predictor
 from agent.solve.problem import JointSolver, Start, joint_problem
+from agent.solve.starts import WarmStarts
 from protocol.scene import Area, PublicRobot, Scene, Weights
 from protocol.vehicle import STANDSTILL, Input, Limits
 
@@ -34,11 +35,12 @@ def solver(request: pytest.FixtureRequest) -> JointSolver:
     return SOLVERS[request.param]
 
 
-def assert_same_starts(found: list[Start], expected: list[Start]) -> None:
-    for one, other in zip(found, expected, strict=True):
-        np.testing.assert_array_equal(one.inputs, other.inputs)
-        np.testing.assert_array_equal(one.forces, other.forces)
-        assert one.warm == other.warm
+def assert_begins_with(start: Start, inputs: np.ndarray) -> None:
+    """Of a start of which nothing else is known."""
+    np.testing.assert_array_equal(start.inputs, inputs)
+    assert not start.forces.any()
+    assert not start.limit_multipliers.any()
+    assert not start.warm
 
 
 def memory_of(robots: str, steps: int = 2) -> Memory:
@@ -74,7 +76,8 @@ def test_the_joint_problem_holds_what_the_scene_and_the_memory_say():
     path = np.arange(26.0).reshape(13, 2)
     previous = {"a": Input(0.1, 0.2), "b": Input(0.3, 0.4)}
     free, cautions = {robot: GOALS[robot] for robot in "ab"}, {"c": 0.3, "b": 9.9}
-    problem = joint_problem(scene, memory_of("abc").present(), free, {"c": path}, previous, cautions)
+    sides = {("a", "b"): -1.0, ("b", "a"): -1.0, ("b", "c"): 1.0, ("c", "b"): 1.0}
+    problem = joint_problem(scene, memory_of("abc").present(), free, {"c": path}, previous, cautions, sides)
     np.testing.assert_allclose(problem.states, [STATES["a"], STATES["b"]], atol=1e-12)
     np.testing.assert_array_equal(problem.goals, [GOALS["a"], GOALS["b"]])
     np.testing.assert_array_equal(problem.previous_inputs, [[0.1, 0.2], [0.3, 0.4]])
@@ -84,6 +87,7 @@ def test_the_joint_problem_holds_what_the_scene_and_the_memory_say():
     between_radii = [[0.495 + 0.495, 0.495 + 0.3, 0.495 + 1.0], [0.3 + 0.495, 0.3 + 0.3, 0.3 + 1.0]]
     caution_m = [0.0, 0.0, 0.3]  # from those only who are not planned for
     np.testing.assert_allclose(problem.safety_distances, np.array(between_radii) + 0.2 + caution_m)
+    np.testing.assert_array_equal(problem.sides, [[0.0, -1.0, 0.0], [-1.0, 0.0, 1.0]])
     assert problem.limits == (strong, weak)
     assert (problem.steps, problem.step_s) == (12, 0.1)
 
@@ -108,7 +112,8 @@ def test_parked_robots_stay_and_are_avoided():
     prediction = Predictor(scene_of("ab"), solver, NEVER).predict(memory, {"a": GOALS["a"]}, {"b"})
     np.testing.assert_array_equal(prediction.paths["b"], np.tile([0.0, 0.1], (31, 1)))
     assert list(prediction.inputs) == list(prediction.states) == ["a"]
-    assert solver.asked[0][0].states.shape == (1, 4)
+    assert all(problem.states.shape == (1, 4) for problem, _ in solver.asked)
+    assert [len(problem.obstacles) for problem, _ in solver.asked[:2]] == [0, 1], "alone at first"
     gaps = np.linalg.norm(prediction.paths["a"] - prediction.paths["b"], axis=1)
     assert gaps.min() == pytest.approx(SAFETY_M, abs=TOLERANCE_M)
 
@@ -124,14 +129,16 @@ def test_parked_robots_stand_in_one_order_however_they_are_named():
     np.testing.assert_array_equal(paths[0]["a"], paths[1]["a"])
 
 
-def test_the_first_prediction_and_that_after_a_failed_one_start_cold_the_others_from_the_last_a_step_on():
+def test_the_first_prediction_and_that_after_a_failed_one_start_as_if_all_were_alone_others_from_the_last():
+    """One step on."""
     solver, memory = Watched(), memory_of("ab")
     predictor = Predictor(scene_of("ab"), solver, NEVER)
     first = predictor.predict(memory, GOALS, ())
     advance(memory, first.inputs)
+    assert [problem.states[:, 0].tolist() for problem, _ in solver.asked[:3]] == [[-4.0], [4.0], [-4.0, 4.0]]
+    assert_begins_with(solver.asked[2][1], np.array([each.inputs[0] for each in solver.answered[:2]]))
     predictor.predict(memory, GOALS, ())
-    *tried, (_, warm) = solver.asked
-    assert_same_starts([start for _, start in tried], cold_starts(tried[0][0]))
+    warm = solver.asked[-1][1]
     assert warm.warm
     for row, robot in enumerate("ab"):
         np.testing.assert_array_equal(warm.inputs[row], [*first.inputs[robot][1:], (0.0, 0.0)])
@@ -139,32 +146,28 @@ def test_the_first_prediction_and_that_after_a_failed_one_start_cold_the_others_
         limit_multipliers = first.starts[robot].limit_multipliers[0]
         np.testing.assert_array_equal(warm.limit_multipliers[row], [*limit_multipliers[1:], np.zeros(5)])
     for solver.fails, solved in (({"predict"}, False), (set(), True)):
-        solver.asked.clear()
+        begin = len(solver.asked)
         assert predictor.predict(memory, GOALS, ()).solved == solved
-    assert_same_starts([start for _, start in solver.asked], cold_starts(solver.asked[0][0]))
+    assert_begins_with(
+        solver.asked[begin + 2][1], np.array([each.inputs[0] for each in solver.answered[begin:][:2]])
+    )
 
 
 def test_robots_that_appear_start_cold_and_those_that_stay_start_warm():
     memory = memory_of("abc")
     problem = joint_problem(scene_of("abc"), memory.present(), GOALS, {}, dict.fromkeys("abc", STANDSTILL))
-    solution = SOLVERS["realtime"].solve(problem, cold_starts(problem)[0])
+    solution = SOLVERS["realtime"].solve(problem, cold(problem))
     starts = WarmStarts()
     starts.keep(["a", "c", "gone"], solution)
-    colds = cold_starts(problem)
-    found = starts.starts(problem, ["a", "b", "c"])
-    for start, unknown in zip(found, colds, strict=True):
-        for row, kept in ((0, 0), (2, 1)):
-            np.testing.assert_array_equal(start.inputs[row, :-1], solution.inputs[kept, 1:])
-            np.testing.assert_array_equal(start.forces[row, :-1], solution.forces[kept, 1:])
-            np.testing.assert_array_equal(
-                start.limit_multipliers[row, :-1], solution.limit_multipliers[kept, 1:]
-            )
-        np.testing.assert_array_equal(start.inputs[1], unknown.inputs[1])
-        assert not start.forces[1].any()
-        assert not start.limit_multipliers[1].any()
-        assert not start.warm
-    starts.forget()
-    assert_same_starts(starts.starts(problem, ["a", "b", "c"]), colds)
+    start = starts.start(problem, ["a", "b", "c"], otherwise=lambda: cold(problem))
+    for row, kept in ((0, 0), (2, 1)):
+        np.testing.assert_array_equal(start.inputs[row, :-1], solution.inputs[kept, 1:])
+        np.testing.assert_array_equal(start.forces[row, :-1], solution.forces[kept, 1:])
+        np.testing.assert_array_equal(start.limit_multipliers[row, :-1], solution.limit_multipliers[kept, 1:])
+    np.testing.assert_array_equal(start.inputs[1], cold(problem).inputs[1])
+    assert not start.forces[1].any()
+    assert not start.limit_multipliers[1].any()
+    assert not start.warm
 
 
 def test_a_plan_leads_to_the_goal_it_was_given_among_the_predicted_paths():
@@ -172,7 +175,9 @@ def test_a_plan_leads_to_the_goal_it_was_given_among_the_predicted_paths():
     scene, memory, solver = scene_of("abc"), memory_of("abc"), Watched("reference")
     prediction = Predictor(scene, SOLVERS["realtime"], NEVER).predict(memory, GOALS, ())
     true_goal = np.array([0.0, 3.5, 1.0, 0.0])
-    plan = Planner(scene, "a", solver, NEVER).plan(memory, true_goal, STANDSTILL, prediction)
+    plan = Planner(scene, "a", solver, NEVER, arrives_quickly=False).plan(
+        memory, true_goal, STANDSTILL, prediction
+    )
     problem, start = solver.asked[0]
     assert plan.solved
     np.testing.assert_array_equal(problem.goals, [true_goal])
@@ -192,27 +197,39 @@ def test_a_plan_leads_to_the_goal_it_was_given_among_the_predicted_paths():
 def test_planning_for_the_estimated_goal_repeats_the_self_prediction(solver):
     scene, memory = scene_of("abc"), memory_of("abc")
     prediction = Predictor(scene, solver, NEVER).predict(memory, GOALS, ())
-    planner = Planner(scene, "b", solver, NEVER)
+    planner = Planner(scene, "b", solver, NEVER, arrives_quickly=False)
     plan = planner.plan(memory, GOALS["b"], memory.previous_input("b"), prediction)
     np.testing.assert_allclose(plan.states[:, :2], prediction.paths["b"], atol=0.01)
 
 
-@pytest.mark.parametrize(("how", "others"), [({}, False), ({"sigmas": (0.02, 0.02, 0.03, 0.05)}, True)])
-def test_where_robots_may_see_differently_predictions_are_also_sought_from_cold_starts(how, others):
-    """All of them in turn, by everybody at the same steps; from the last prediction always."""
-    memory, solver = Memory(17, STEP_S), Watched()
-    predictor = Predictor(scene_of("abc"), solver, NEVER)
-    states = {robot: np.array(STATES[robot]) for robot in "abc"}
-    cold: list[list[float]] = []
-    for step in range(1 + 4 * RETRY_STEPS):
-        memory.remember(step, states, **how)
-        asked = len(solver.asked)
-        prediction = predictor.predict(memory, GOALS, ())
-        states = {robot: euler(states[robot], prediction.inputs[robot][:1])[-1] for robot in "abc"}
-        if step > 0:
-            first, *more = [start for _, start in solver.asked[asked:]]
-            assert first.warm
-            assert len(more) == (others and step % RETRY_STEPS == 0)
-            cold += [start.inputs[:, -1, 0].tolist() for start in more]
-    assert len(cold) == (4 if others else 0)
-    assert all(one != other for one, other in combinations(cold, 2))
+LIMITS = st.builds(
+    Limits, speed_mps=st.just(5.0), acceleration_mps2=st.floats(0.1, 6.0), jerk_mps3=st.floats(1.0, 60.0)
+)
+
+
+@given(LIMITS, st.floats(0.5, 50.0), st.floats(1e-3, 1e3))
+def test_the_weight_of_arriving_is_that_with_which_a_robot_brakes_evenly(limits, begin_m, weight):
+    """A rollout of v = p/τ with τ² = r/q as p shrinks; nearer than a step's braking, τ is a step."""
+    evenly_mps2 = EVENLY * limits.acceleration_mps2
+    begin_mps = math.sqrt(2.0 * evenly_mps2 * begin_m)
+    left_m, time_s, step_s = begin_m, 0.0, 1e-3 * begin_mps / evenly_mps2
+    while time_s < 0.8 * begin_mps / evenly_mps2:
+        tau_s = math.sqrt(arrival_weight(weight, left_m, limits, 1e-9) / weight)
+        assert left_m / tau_s == pytest.approx(begin_mps - evenly_mps2 * time_s, rel=0.02)
+        left_m, time_s = left_m - step_s * left_m / tau_s, time_s + step_s
+    assert arrival_weight(weight, 0.0, limits, STEP_S) == pytest.approx(weight * STEP_S**2)
+
+
+def test_who_plans_to_arrive_quickly_is_there_sooner():
+    """Alone, over 6 m; the others predict it by the scene's weights all the same."""
+    nobody = Prediction(paths={}, inputs={}, starts={}, states={}, sides={}, solved=True)
+    steps = []
+    for quickly in (False, True):
+        memory, previous = memory_of("a"), STANDSTILL
+        planner = Planner(scene_of("a"), "a", SOLVERS["realtime"], NEVER, arrives_quickly=quickly)
+        while math.dist(memory.state("a")[:2], (2.0, 0.0)) > 0.1:
+            plan = planner.plan(memory, np.array([2.0, 0.0, 0.0, 0.0]), previous, nobody)
+            previous = Input(*plan.inputs[0])
+            advance(memory, {"a": plan.inputs})
+        steps.append(memory.step)
+    assert steps[1] < 0.8 * steps[0]

@@ -1,12 +1,13 @@
 """What the real-time solver is made of, beside plain formulas, differences and full matrices."""
 
 import math
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
-from agent_helpers import STEP_S
-from hypothesis import given, settings
+from agent_helpers import SAFETY_M, STEP_S, problem_of
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from realtime_helpers import dense, driven, position_jacobian, wild_states
 
@@ -136,7 +137,7 @@ def test_there_is_a_row_for_each_gap_that_inputs_can_influence_and_it_says_how_i
     others = random.normal(scale=3.0, size=(obstacles, steps + 1, 2))
     safe = random.uniform(0.5, 3.0, (robots, robots + obstacles))
     safe[:, :robots] = np.maximum(safe[:, :robots], safe[:, :robots].T)
-    rows, expected = rows_about(states, others, safe, AREA), true_gaps(states, others, safe)
+    rows, expected = rows_about(states, others, safe, 0.0 * safe, AREA), true_gaps(states, others, safe)
     np.testing.assert_allclose(np.sort(rows.gap), np.sort(list(expected.values())), atol=1e-12)
     for (i, j), k, gap in zip(rows.robots, rows.stage, rows.gap, strict=True):
         if j != NOBODY:
@@ -146,10 +147,99 @@ def test_there_is_a_row_for_each_gap_that_inputs_can_influence_and_it_says_how_i
             assert min(abs(gap - expected[key]) for key in expected if (key[0], key[2]) == (i, k)) < 1e-9
     shortfalls = [max(-gap, 0.0) for gap in expected.values()]
     violations = (sum(shortfalls), max(shortfalls, default=0.0))
-    assert violations_of(states, others, safe, AREA) == pytest.approx(violations, abs=1e-12)
+    assert violations_of(states, others, safe, 0.0 * safe, AREA) == pytest.approx(violations, abs=1e-12)
     there = states.copy()
     there[:, :, :2] += 1e-6 * random.uniform(-1.0, 1.0, (robots, steps + 1, 2))
-    found, moved = np.full(len(rows.gap), np.nan), rows_about(there, others, safe, AREA)
+    found, moved = np.full(len(rows.gap), np.nan), rows_about(there, others, safe, 0.0 * safe, AREA)
     gaps_after(rows, (there - states)[:, :, :2], found)
     # The error is of second order, and bodies may be as near as a few centimetres.
     np.testing.assert_allclose(found, moved.gap, atol=1e-8)
+
+
+def in_company(random, robots, obstacles, steps, scale):
+    """A problem of robots and obstacles anywhere, with sides for some pairs, and states of all stages."""
+    everybody = robots + obstacles
+    states = random.normal(scale=scale, size=(robots, steps + 1, 4))
+    others = random.normal(scale=scale, size=(obstacles, steps + 1, 2))
+    safe, sides = random.uniform(0.5, 3.0, (everybody, everybody)), np.zeros((everybody, everybody))
+    for i, j in combinations(range(everybody), 2):
+        sides[i, j] = sides[j, i] = random.choice([-1.0, 0.0, 1.0])
+        safe[j, i] = safe[i, j]
+    problem = problem_of(states[:, 0], states[:, -1], obstacles=others, steps=steps, area_m=1e3)
+    return replace(problem, safety_distances=safe[:robots], sides=sides[:robots]), states
+
+
+def rows_of(problem, states):
+    return rows_about(states, problem.obstacles, problem.safety_distances, problem.sides, problem.area)
+
+
+@few
+@given(seeds, st.integers(1, 4), st.integers(0, 3), st.integers(2, 6), st.sampled_from([0.3, 3.0]))
+def test_the_violation_of_a_problem_is_the_largest_shortfall_of_its_rows(
+    seed, robots, obstacles, steps, scale
+):
+    """The one is written in arrays, the other as a kernel; robots may even be in one place at first."""
+    problem, states = in_company(np.random.default_rng(seed), robots, obstacles, steps, scale)
+    for _ in range(2):
+        largest = max(0.0, *-rows_of(problem, states).gap)
+        assert problem.violation_m(states) == pytest.approx(largest, abs=1e-12)
+        states[1:, 0] = states[:1, 0]
+
+
+bearings = st.floats(-math.pi, math.pi)
+
+
+@given(bearings, st.sampled_from([-1.0, 1.0]), st.floats(-3.0, 3.0), st.floats(1.6, 5.0))
+def test_a_trajectory_without_violation_is_one_that_passes_on_the_agreed_side(bearing, side, beside, apart):
+    """Of two robots that change places: the way from the one to the other winds as was agreed."""
+    problem = problem_of(np.zeros((2, 4)), np.zeros((2, 4)), steps=40)
+    problem = replace(problem, sides=side * (np.ones((2, 2)) - np.eye(2)))
+    along = np.linspace(-apart, apart, 41)
+    way = (along + 1j * beside * np.cos(along / apart * math.pi / 2)) * np.exp(1j * bearing)
+    states = np.zeros((2, 41, 4))
+    for robot, part in ((0, -0.3), (1, 0.7)):  # the middle of the two moves, too
+        states[robot, :, 0], states[robot, :, 1] = (part * way).real, (part * way).imag
+    turned = float(np.angle(way[1:] / way[:-1]).sum())
+    room = np.abs(way)[FIRST_FREE_STAGE:].min() - SAFETY_M
+    assume(abs(room) > 1e-9)
+    assert (problem.violation_m(states) < 1e-12) == (room > 0.0 and turned * side > 0.0)
+
+
+def gap_at(x, y, side):
+    """Of a pair that sees one another along x, and its normal, at a stage at which it is apart by (x, y)."""
+    problem = replace(problem_of(np.zeros((2, 4)), np.zeros((2, 4)), steps=2), sides=np.full((2, 2), side))
+    states = np.zeros((2, 3, 4))
+    states[0, 0, 0], states[0, 2, :2] = 5.0, (x, y)
+    rows = rows_of(problem, states)
+    pair = int(np.flatnonzero(rows.robots[:, 1] != NOBODY)[0])
+    return float(rows.gap[pair]), rows.normal[pair]
+
+
+@given(bearings, st.floats(-4.0, 4.0), st.sampled_from([-1.0, 1.0]), bearings)
+def test_the_gap_of_an_agreed_side_does_not_jump_where_rows_begin_to_lead_to_it(
+    bearing, away, side, direction
+):
+    """At the circle, at the line of sight beyond it, and on the wrong side where the circle begins."""
+    circle = (SAFETY_M * math.cos(bearing), SAFETY_M * math.sin(bearing))
+    sight = (math.copysign(SAFETY_M + abs(away), away), 0.0)
+    begins = (math.copysign(SAFETY_M, away), -side * abs(away))
+    for x, y in (circle, sight, begins):
+        step = 1e-10 * np.array([math.cos(direction), math.sin(direction)])
+        # The circle is steep where it begins: a change there by ε is one by √ε beside it.
+        assert gap_at(x + step[0], y + step[1], side)[0] == pytest.approx(gap_at(x, y, side)[0], abs=1e-4)
+
+
+@given(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.sampled_from([-1.0, 1.0]))
+def test_rows_of_an_agreed_side_touch_the_circle_beside_the_other_and_elsewhere_are_derivatives(x, y, side):
+    """The half-plane of a violated row touches it on the agreed side, as far along the sight as it is now."""
+    (gap, normal), across = gap_at(x, y, side), side * y
+    assume(abs(math.hypot(x, y) - SAFETY_M) > 1e-3)
+    assume(min(abs(across), abs(abs(x) - SAFETY_M)) > 1e-3)
+    assert np.hypot(*normal) == pytest.approx(1.0)
+    if gap < 0.0:
+        there = np.array([x, side * math.sqrt(SAFETY_M**2 - x**2)])
+        assert gap + normal @ (there - [x, y]) == pytest.approx(0.0, abs=1e-9)
+        np.testing.assert_allclose(SAFETY_M * normal, there, atol=1e-9)
+    else:
+        slopes = [(gap_at(x + dx, y + dy, side)[0] - gap) / 1e-6 for dx, dy in ((1e-6, 0.0), (0.0, 1e-6))]
+        np.testing.assert_allclose(slopes, normal, atol=1e-5)

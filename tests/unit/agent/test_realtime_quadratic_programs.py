@@ -17,7 +17,6 @@ from realtime_helpers import (
     recorded_programs,
 )
 
-from agent.solve.problem import PRICE_PER_M
 from agent.solve.realtime.distances import NOBODY, Rows
 from agent.solve.realtime.kkt import Program
 from agent.solve.realtime.qp import MOST_ITERATIONS, Outcome, solve_program
@@ -138,7 +137,7 @@ def test_distances_that_cannot_be_kept_cost_their_price_and_no_more(recorded):
         crowded = program._replace(rows=program.rows._replace(gap=gap))
         outcome = solve(crowded, TOLERANCE)
         assert outcome.solved
-        assert outcome.largest_multiplier == pytest.approx(PRICE_PER_M, rel=1e-6)
+        assert outcome.largest_multiplier == pytest.approx(program.penalty, rel=1e-6)
         quantities = outcome.change @ limit_matrix(outcome.change.shape[1] // 2, STEP_S).T
         assert (quantities >= program.low - 1e-4).all()
         assert (quantities <= program.high + 1e-4).all()

@@ -24,7 +24,10 @@ def crossing(robots: int = 4, seed: int = 2) -> JointProblem:
     """With an obstacle that passes through the middle."""
     problem = random_crossing(robots, seed)
     return replace(
-        problem, obstacles=PASSING[None].copy(), safety_distances=np.full((robots, robots + 1), 1.39)
+        problem,
+        obstacles=PASSING[None].copy(),
+        safety_distances=np.full((robots, robots + 1), 1.39),
+        sides=np.zeros((robots, robots + 1)),
     )
 
 
@@ -50,7 +53,7 @@ def test_recorded_problems_are_solved_as_by_the_reference():
     pushed = 0
     for robots, seed in ((2, 0), (3, 1), (4, 2)):
         for each in list(closed_loop(random_crossing(robots, seed), 14))[3::5]:
-            start = replace(each.starts[0], warm=False)
+            start = replace(each.start, warm=False)
             found, expected = (solver.solve(each.problem, start) for solver in SOLVERS.values())
             assert found.solved
             assert expected.solved
@@ -88,6 +91,36 @@ def test_after_the_deadline_no_iteration_begins_but_the_first_one_always_does():
     assert in_time.solved
     assert late.solved
     assert solve(problem).iterations > 3
+
+
+@settings(max_examples=8)
+@given(st.integers(0, 99), st.sampled_from([-6, -1, 3, 6]), st.sampled_from([-7, 0, 10]), st.booleans())
+def test_in_other_units_of_length_and_of_cost_the_solution_is_the_same_to_the_last_bit(
+    seed, length, cost, warm
+):
+    """Powers of two round nothing, so any constant in metres or in cost shows."""
+    problem = crossing(3, seed)
+    problem = replace(problem, sides=np.where(np.eye(3, 4) > 0.0, 0.0, -1.0))
+    length, cost = 2.0**length, 2.0**cost
+    state = np.array([length, length, 1.0, length])
+    lengths = {name: length * getattr(problem, name) for name in ("obstacles", "safety_distances", "area")}
+    large = {
+        name: length * getattr(Limits(), name) for name in ("speed_mps", "acceleration_mps2", "jerk_mps3")
+    }
+    scaled = replace(
+        problem,
+        **lengths,
+        states=problem.states * state,
+        goals=problem.goals * state,
+        weights=cost * problem.weights / state**2,
+        limits=(Limits().model_copy(update=large),) * 3,
+    )
+    found, expected = (solve(each, replace(cold(each), warm=warm)) for each in (scaled, problem))
+    assert (found.solved, found.iterations) == (expected.solved, expected.iterations)
+    np.testing.assert_array_equal(found.states, expected.states * state)
+    np.testing.assert_array_equal(found.forces, expected.forces * cost / length)
+    assert found.objective == cost * expected.objective
+    assert found.violation_m == length * expected.violation_m
 
 
 @pytest.mark.parametrize("most", [1, 2, 5])
@@ -168,7 +201,7 @@ def test_other_layouts_and_numbers_compile_nothing_and_layouts_change_nothing():
     problem = crossing()
     expected, before = solve(problem), compiled()
     for layout in (np.asfortranarray, strided):
-        other = replace(problem, **{field: layout(getattr(problem, field)) for field in FIELDS})
+        other = replace(problem, **{field: layout(getattr(problem, field)) for field in [*FIELDS, "sides"]})
         start = cold(problem)
         parts = {part: layout(getattr(start, part)) for part in ("inputs", "forces", "limit_multipliers")}
         start = replace(start, **parts)
@@ -179,6 +212,7 @@ def test_other_layouts_and_numbers_compile_nothing_and_layouts_change_nothing():
             problem,
             obstacles=np.tile(PASSING[:1], (obstacles, steps + 1, 1)),
             safety_distances=np.full((robots, robots + obstacles), 1.39),
+            sides=np.zeros((robots, robots + obstacles)),
             steps=steps,
         )
         assert solve(problem).solved

@@ -1,4 +1,4 @@
-"""Where solvers start, always within the limits, and which of several local optima is taken."""
+"""What brings inputs within the limits, and when and where a solution is looked for a second time."""
 
 import math
 from collections.abc import Sequence
@@ -6,20 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from agent_helpers import NEVER, SOLVERS, STEP_S, assert_inputs_within_limits, cold, problem_of
+from agent_helpers import NEVER, SAFETY_M, STEP_S, assert_inputs_within_limits, problem_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agent.solve import Deadline
-from agent.solve.multistart import (
-    NEAR_GOAL_M,
-    SIDESTEP_RADPS,
-    best_solution,
-    cold_starts,
-    escapes,
-    is_deadlock,
-)
 from agent.solve.problem import JointProblem, Solution, Start, braking_inputs, within_limits
+from agent.solve.starts import AWAY, cold_start, is_deadlock, solve_well
 from protocol.vehicle import Limits
 
 ROUNDING = 1e-9
@@ -44,30 +37,6 @@ def driving(draw: st.DrawFn) -> JointProblem:
         (draw(shares) * each.turn_rate_radps, draw(shares) * each.acceleration_mps2) for each in allowed
     ]
     return replace(problem_of(states, np.zeros((count, 4)), previous=previous), limits=allowed)
-
-
-@settings(max_examples=20)
-@given(driving())
-def test_cold_starts_lean_left_right_alternately_and_not_at_all_and_expect_no_forces(problem):
-    starts = cold_starts(problem)
-    for start in starts:
-        assert_inputs_within_limits(problem, start.inputs)
-        np.testing.assert_array_equal(start.inputs[:, :, 1], braking_inputs(problem)[:, :, 1])
-        assert start.forces.shape == (len(problem.states), problem.steps + 1, 2)
-        assert not start.forces.any()
-        assert start.limit_multipliers.shape == (len(problem.states), problem.steps, 5)
-        assert not start.limit_multipliers.any()
-        assert not start.warm
-    left, right, alternating, straight = (start.inputs[:, :, 0] for start in starts)
-    assert (right <= straight).all()
-    assert (straight <= left).all()
-    assert (right[:, -1] < left[:, -1]).all()
-    for robot, allowed in enumerate(problem.limits):
-        if allowed.turn_acceleration_radps2 * STEP_S * problem.steps >= 2 * allowed.turn_rate_radps:
-            assert np.isclose(left[robot, -1], min(SIDESTEP_RADPS, allowed.turn_rate_radps))
-    np.testing.assert_array_equal(alternating[::2], left[::2])
-    np.testing.assert_array_equal(alternating[1::2], right[1::2])
-    np.testing.assert_array_equal(straight, braking_inputs(problem)[:, :, 0])
 
 
 @settings(max_examples=20)
@@ -98,21 +67,6 @@ def test_any_inputs_are_brought_within_the_limits(problem, seed):
     np.testing.assert_allclose(within_limits(problem, inputs), inputs, atol=ROUNDING)
 
 
-@settings(max_examples=20)
-@given(driving())
-def test_escapes_turn_as_quickly_as_limits_allow_to_either_side(problem):
-    for side, start in zip((1.0, -1.0), escapes(problem), strict=True):
-        assert_inputs_within_limits(problem, start.inputs)
-        held = problem.previous_inputs[:, 0]
-        for k in range(problem.steps):
-            held = np.clip(
-                held + side * problem.rate_bounds[:, 0],
-                -problem.input_bounds[:, 0],
-                problem.input_bounds[:, 0],
-            )
-            np.testing.assert_allclose(start.inputs[:, k, 0], held, atol=ROUNDING)
-
-
 PROBLEM = problem_of([(-4.0, 0.0, 0.0, 1.0), (4.0, 2.0, math.pi, 1.0)], [(4, 0, 0, 0), (-4, 2, math.pi, 0)])
 
 
@@ -137,45 +91,40 @@ class Canned:
         return self.left.pop(0)
 
 
-def chosen(answers: Sequence[Solution], deadline: Deadline = NEVER) -> int:
-    """Index of the answer that is taken."""
-    best = best_solution(Canned(answers), PROBLEM, [cold(PROBLEM)] * len(answers), deadline)
-    return [answer is best for answer in answers].index(True)
+def chosen(answers: Sequence[Solution], deadline: Deadline = NEVER) -> tuple[int, int]:
+    """Index of the answer that is taken, and how many are asked for."""
+    solver, start = Canned(answers), cold_start(PROBLEM)
+    best = solve_well(solver, PROBLEM, start, lambda: start, deadline)
+    return [answer is best for answer in answers].index(True), len(answers) - len(solver.left)
 
 
-CHOICES: dict[str, tuple[list[Solution], int]] = {
-    "lowest objective": ([solution(100.0), solution(90.0), solution(95.0)], 1),
-    "nearly equal, so the preferred one": ([solution(100.0), solution(99.5)], 0),
-    "better by more than a hundredth": ([solution(100.0), solution(98.5)], 1),
-    "each compared with the best so far": (
-        [solution(100.0), solution(99.5), solution(99.2), solution(98.9)],
-        3,
-    ),
-    "solved before unsolved": ([solution(100.0, solved=False), solution(900.0)], 1),
-    "unsolved after solved": ([solution(900.0), solution(100.0, solved=False)], 0),
-    "going on before a deadlock": ([solution(100.0, deadlock=True), solution(900.0)], 1),
-    "deadlock after going on": ([solution(900.0), solution(100.0, deadlock=True)], 0),
-    "solved deadlock before unsolved": ([solution(100.0, solved=False), solution(900.0, deadlock=True)], 1),
-    "kept distances before broken ones": ([solution(100.0, violation_m=0.5), solution(900.0)], 1),
-    "a rounding error breaks nothing": ([solution(100.0, violation_m=1e-9), solution(101.0)], 0),
-    "none solved": ([solution(100.0, solved=False), solution(100.0, solved=False)], 0),
-    "no number first": ([solution(math.nan, solved=False), solution(100.0)], 1),
-    "no number last": ([solution(100.0), solution(math.nan, solved=False)], 0),
+FAR = 0.2
+"""A violation by more than a tenth of the distance."""
+CHOICES: dict[str, tuple[Solution, Solution, tuple[int, int]]] = {
+    "a good one is enough": (solution(100.0), solution(1.0), (0, 1)),
+    "so is one that violates by little": (solution(100.0, violation_m=0.1), solution(1.0), (0, 1)),
+    "solved before unsolved": (solution(100.0, solved=False), solution(900.0), (1, 2)),
+    "going on before a deadlock": (solution(100.0, deadlock=True), solution(900.0), (1, 2)),
+    "solved deadlock before unsolved": (solution(1.0, solved=False), solution(9.0, deadlock=True), (1, 2)),
+    "kept distances before broken ones": (solution(100.0, violation_m=FAR), solution(900.0), (1, 2)),
+    "the cheaper deadlock": (solution(100.0, deadlock=True), solution(90.0, deadlock=True), (1, 2)),
+    "the first one if the other is worse": (solution(9.0, violation_m=FAR), solution(9e9), (0, 2)),
+    "none solved": (solution(100.0, solved=False), solution(100.0, solved=False), (0, 2)),
+    "no number": (solution(math.nan, solved=False), solution(100.0), (1, 2)),
 }
 
 
-@pytest.mark.parametrize(("answers", "best"), CHOICES.values(), ids=CHOICES)
-def test_the_best_is_taken(answers, best):
-    assert chosen(answers) == best
+@pytest.mark.parametrize(("first", "other", "expected"), CHOICES.values(), ids=CHOICES)
+def test_where_the_first_solution_is_poor_the_better_one_of_two_is_taken(first, other, expected):
+    assert chosen([first, other]) == expected
 
 
-def test_after_the_deadline_no_further_start_is_tried_but_the_first_one_always_is():
-    times = iter([0.0, 1.0, 2.0, 3.0])
+def test_after_the_deadline_a_poor_solution_is_taken():
+    times = iter([0.0, 1.0, 2.0])
     deadline = Deadline(lambda: next(times), 1.5)
-    answers = [solution(100.0), solution(90.0), solution(10.0)]
     deadline.begin()
-    assert chosen(answers, deadline) == 1
-    assert chosen(answers, deadline) == 0
+    answers = [solution(100.0, deadlock=True), solution(90.0)]
+    assert [chosen(answers, deadline) for _ in range(2)] == [(1, 2), (0, 1)]
 
 
 def test_robots_that_stand_for_another_reason_are_not_deadlocked():
@@ -183,32 +132,8 @@ def test_robots_that_stand_for_another_reason_are_not_deadlocked():
     assert is_deadlock(PROBLEM, standing)
     unhindered = replace(standing, forces=np.zeros((2, 31, 2)))
     assert not is_deadlock(PROBLEM, unhindered)
-    goals = standing.states[:, -1] + [NEAR_GOAL_M / 2, 0.0, 0.0, 0.0]
+    goals = standing.states[:, -1] + [AWAY * SAFETY_M / 2, 0.0, 0.0, 0.0]
     assert not is_deadlock(replace(PROBLEM, goals=goals), standing)
     creeping = standing.states.copy()
     creeping[:, -5:, 1] += 0.1
     assert not is_deadlock(PROBLEM, replace(standing, states=creeping))
-
-
-@pytest.mark.parametrize(("first", "best"), [(solution(900.0, deadlock=True), 1), (solution(900.0), 0)])
-def test_escapes_are_tried_only_from_a_deadlock(first, best):
-    answers = [first, solution(100.0)]
-    start = cold(PROBLEM)
-    found = best_solution(Canned(answers), PROBLEM, [start], NEVER, lambda _problem: [start])
-    assert found is answers[best]
-
-
-@pytest.mark.parametrize(
-    ("state", "goal", "parked"),
-    [
-        ((-2.98, 1.93, 0.65, 0.0), (-2.88, -2.96, 0.28, 0.0), (-3.78, 0.79)),
-        ((-1.6, 0.0, 0.27, 0.0), (3.0, -0.46, 0.0, 0.0), (0.0, -0.28)),
-    ],
-)
-def test_a_robot_that_would_stand_before_a_parked_one_for_good_turns_away_from_it(state, goal, parked):
-    problem = problem_of([state], [goal], obstacles=np.tile(parked, (1, 31, 1)))
-    solver, straight = SOLVERS["realtime"], cold_starts(problem)[3]
-    assert is_deadlock(problem, best_solution(solver, problem, [straight], NEVER))
-    best = best_solution(solver, problem, [straight], NEVER, escapes)
-    assert not is_deadlock(problem, best)
-    assert best.violation_m < 1e-3

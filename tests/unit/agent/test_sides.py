@@ -1,0 +1,116 @@
+"""On which side robots pass one another: the same for everybody who sees the same, decided anew each time."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from agent_helpers import NEVER, SAFETY_M, STEP_S, cold, problem_of, remembered, scene_of
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from agent.solve import ITERATIONS, joint_solver
+from agent.solve.prediction import Predictor
+from agent.solve.sides import CONVENTION, agreed_sides
+from agent.solve.starts import cold_start
+from agent.solve.vehicle import Array
+
+SCENE = scene_of("ab")
+SIGMA_M = 0.03
+DOUBT_M = 0.4 + 3.0 * math.hypot(SIGMA_M, SIGMA_M)
+"""Twice the margin, and three standard deviations of both positions."""
+SOLVER = joint_solver("realtime", ITERATIONS, NEVER)
+bearings = st.floats(-math.pi, math.pi)
+
+
+def ways(miss_m: float, bearing: float, speeds: tuple[float, float], steps: int = 30) -> dict[str, Array]:
+    """Of robots that meet halfway, b passing a at this distance, to the left of its motion if positive.
+
+    Positions are complex numbers first; seen from a, b moves along the bearing.
+    """
+    times = STEP_S * (np.arange(steps + 1) - steps // 2)
+    motion = np.exp(1j * bearing)
+    a = 2.0 + 1.0j - speeds[0] * motion * times
+    b = 2.0 + 1.0j + speeds[1] * motion * times - 1j * miss_m * motion
+    return {name: np.stack([each.real, each.imag], axis=1) for name, each in (("a", a), ("b", b))}
+
+
+def side(of: dict[str, Array], sigma_m: float = SIGMA_M) -> float:
+    """Of a and b; everybody finds the same for both, in whatever order it looks at them."""
+    sigmas_m = dict.fromkeys(of, sigma_m)
+    found = agreed_sides(SCENE, of, sigmas_m)
+    assert found == agreed_sides(SCENE, dict(reversed(of.items())), sigmas_m)
+    assert found.get(("a", "b")) == found.get(("b", "a"))
+    assert set(found) <= {("a", "b"), ("b", "a")}
+    return found.get(("a", "b"), 0.0)
+
+
+@given(st.floats(-4.0, 4.0), bearings, st.tuples(st.floats(0.5, 3.0), st.floats(0.5, 3.0)))
+def test_who_would_come_too_close_passes_as_the_miss_says_or_else_by_the_convention(miss_m, bearing, speeds):
+    """However the scene is turned, and whoever has which part in it."""
+    size_m = abs(miss_m)
+    assume(min(abs(size_m - DOUBT_M), abs(size_m - SAFETY_M - DOUBT_M)) > 1e-6)
+    expected = 0.0
+    if size_m < SAFETY_M + DOUBT_M:
+        expected = CONVENTION if size_m < DOUBT_M else -math.copysign(1.0, miss_m)
+    seen = ways(miss_m, bearing, speeds)
+    assert side(seen) == expected
+    assert side({"a": seen["b"], "b": seen["a"]}) == expected
+    mirrored = {robot: way * [1.0, -1.0] for robot, way in seen.items()}
+    assert side(mirrored) == (expected if size_m < DOUBT_M else -expected)
+
+
+def test_more_noise_leaves_more_to_the_convention():
+    seen = ways(-0.6, 0.3, (1.0, 1.0))
+    assert (side(seen), side(seen, sigma_m=0.1)) == (-CONVENTION, CONVENTION)
+
+
+@pytest.mark.parametrize(("end", "is_open"), [(14, True), (17, False)])
+def test_who_still_comes_nearer_at_the_horizon_or_is_beside_the_other_for_ever_is_not_agreed_on(end, is_open):
+    seen = {robot: way[: end + 1] for robot, way in ways(0.0, 1.0, (1.0, 1.0)).items()}
+    assert (side(seen) == 0.0) == is_open
+    beside = {"a": seen["a"], "b": seen["a"] + [0.5, 0.5]}
+    assert side(beside) == 0.0
+
+
+def turned(states: Array) -> float:
+    """By how much the way from the first robot to the second one turns, in rad."""
+    way = states[1, :, :2] - states[0, :, :2]
+    return float(np.diff(np.unwrap(np.arctan2(way[:, 1], way[:, 0]))).sum())
+
+
+@pytest.mark.parametrize(
+    ("offset_m", "expected"), [(0.0, -1.0), (0.3, -1.0), (-0.3, -1.0), (0.6, 1.0), (-0.6, -1.0)]
+)
+def test_head_on_both_minds_predict_that_they_pass_on_the_agreed_side(offset_m, expected):
+    """Where they would meet, both evade to their left; also whoever believed something else at first."""
+    seen = {"a": (-4.0, 0.0, 0.0, 1.0), "b": (4.0, offset_m, math.pi, 1.0)}
+    goals = {"a": np.array([4.0, 0.0, 0.0, 0.0]), "b": np.array([-4.0, offset_m, math.pi, 0.0])}
+    for aims in (goals, {robot: goal * [0.8, 1.0, 1.0, 1.0] for robot, goal in goals.items()}):
+        memory = remembered({robot: np.array([state]) for robot, state in seen.items()})
+        prediction = Predictor(SCENE, SOLVER, NEVER).predict(memory, aims, ())
+        assert prediction.solved
+        assert prediction.sides == {("a", "b"): expected, ("b", "a"): expected}
+        assert turned(np.array([prediction.states[robot] for robot in "ab"])) * expected > 2.0
+        apart_m = np.linalg.norm(prediction.paths["a"] - prediction.paths["b"], axis=1).min()
+        assert apart_m == pytest.approx(SAFETY_M, abs=1e-3)
+
+
+@pytest.mark.parametrize("agreed", [-1.0, 1.0])
+@pytest.mark.parametrize("lean", [-0.2, 0.0, 0.2, None])
+def test_from_wherever_a_solution_begins_it_ends_on_the_agreed_side(agreed, lean):
+    """Braking straight, leaning either way, or from what was best on the other side."""
+    problem = problem_of(
+        [(-4.0, 0.0, 0.0, 1.0), (4.0, 0.1, math.pi, 1.0)], [(4.0, 0.0, 0.0, 0.0), (-4.0, 0.0, math.pi, 0.0)]
+    )
+    sides = agreed * (np.ones((2, 2)) - np.eye(2))
+    problem, other = (replace(problem, sides=each) for each in (sides, -sides))
+    begin = (
+        cold(problem, lean)
+        if lean is not None
+        else cold_start(problem, SOLVER.solve(other, cold(other)).inputs)
+    )
+    found = SOLVER.solve(problem, begin)
+    assert found.solved
+    assert found.violation_m < 1e-3
+    assert turned(found.states) * agreed > 2.0
