@@ -69,7 +69,7 @@ def test_the_stop_for_want_of_sight_is_told_and_brakes():
     for step in range(3):
         drive.on({"b": (3.0 - 0.2 * step, 0.3, math.pi, 2.0)})
     blind = [drive.on({}).mind.degraded for _ in range(BLIND_STEPS)]
-    assert blind == [("extrapolation",)] * BLIND_STEPS
+    assert all("extrapolation" in each and "controlled stop" not in each for each in blind)
     braking = drive.braking()
     stopping = drive.on({})
     assert stopping.mind.degraded == ("extrapolation", "controlled stop")

@@ -116,10 +116,6 @@ def test_nobody_is_braked_for_who_is_not_doubted(actual):
     assert (drive.braked, drive.collides) == ([], True)
 
 
-def test_where_braking_comes_too_late_to_be_further_off_it_drives_on():
-    """Past who comes from behind and beside, braking would only bring it nearer."""
-
-    def overtaking(step: int) -> tuple[float, float, float, float]:
-        return (-9.2 + 0.45 * step, 0.5, 0.0, 4.5)
-
-    assert Drive(overtaking).run().braked == []
+def test_it_does_not_brake_for_who_comes_from_behind():
+    """That would bring the other nearer yet."""
+    assert min(Drive(lambda step: (-9.2 + 0.33 * step, 0.0, 0.0, 3.3)).run().braked, default=STEPS) > 6

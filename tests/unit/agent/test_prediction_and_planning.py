@@ -135,7 +135,7 @@ def test_the_first_prediction_and_that_after_a_failed_one_start_as_if_all_were_a
     predictor = Predictor(scene_of("ab"), solver, NEVER)
     first = predictor.predict(memory, GOALS, ())
     advance(memory, first.inputs)
-    assert [problem.states[:, 0].tolist() for problem, _ in solver.asked[:3]] == [[-4.0], [4.0], [-4.0, 4.0]]
+    assert [len(problem.states) for problem, _ in solver.asked[:3]] == [1, 1, 2]
     assert_begins_with(solver.asked[2][1], np.array([each.inputs[0] for each in solver.answered[:2]]))
     predictor.predict(memory, GOALS, ())
     warm = solver.asked[-1][1]

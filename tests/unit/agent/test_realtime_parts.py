@@ -199,7 +199,7 @@ def test_a_trajectory_without_violation_is_one_that_passes_on_the_agreed_side(be
     states = np.zeros((2, 41, 4))
     for robot, part in ((0, -0.3), (1, 0.7)):  # the middle of the two moves, too
         states[robot, :, 0], states[robot, :, 1] = (part * way).real, (part * way).imag
-    turned = float(np.angle(way[1:] / way[:-1]).sum())
+    turned = float(np.angle(way[1:] * way[:-1].conj()).sum())
     room = np.abs(way)[FIRST_FREE_STAGE:].min() - SAFETY_M
     assume(abs(room) > 1e-9)
     assert (problem.violation_m(states) < 1e-12) == (room > 0.0 and turned * side > 0.0)

@@ -98,7 +98,7 @@ def chosen(answers: Sequence[Solution], deadline: Deadline = NEVER) -> tuple[int
     return [answer is best for answer in answers].index(True), len(answers) - len(solver.left)
 
 
-FAR = 0.2
+FAR = 0.5
 """A violation by more than a tenth of the distance."""
 CHOICES: dict[str, tuple[Solution, Solution, tuple[int, int]]] = {
     "a good one is enough": (solution(100.0), solution(1.0), (0, 1)),
