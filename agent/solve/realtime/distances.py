@@ -110,9 +110,9 @@ def _parted(
             normal_x = (along * sight_x - side * beside * sight_y) / distance
             normal_y = (along * sight_y + side * beside * sight_x) / distance
             return normal_x, normal_y, normal_x * x + normal_y * y - distance
-    if length > 0.0:
-        return x / length, y / length, length - distance
-    return 1.0, 0.0, -distance  # two robots in one place: any direction, the same for all who compute it
+    if length == 0.0:
+        return 1.0, 0.0, -distance  # two robots in one place: any direction, the same for all who compute it
+    return x / length, y / length, length - distance
 
 
 @kernel

@@ -94,6 +94,12 @@ def euler(state: Sequence[float], inputs: Iterable[Sequence[float]], step_s: flo
     return np.array(states)
 
 
+def enlarged(scale: float, limits: Limits | None = None) -> Limits:
+    """Of a vehicle so many times as large that does the same in the same time."""
+    limits, names = limits or Limits(), ("speed_mps", "acceleration_mps2", "jerk_mps3")
+    return limits.model_copy(update={name: scale * getattr(limits, name) for name in names})
+
+
 def square(half_m: float) -> Area:
     return Area(x_min_m=-half_m, x_max_m=half_m, y_min_m=-half_m, y_max_m=half_m)
 
@@ -145,15 +151,15 @@ def problem_of(
     )
 
 
-def assert_inputs_within_limits(problem: JointProblem, inputs: Array) -> None:
-    """But for rounding; from previous inputs outside the limits, the first change starts at the limit."""
+def assert_inputs_within_limits(problem: JointProblem, inputs: Array, rounding: float = 1e-9) -> None:
+    """From previous inputs outside the limits, the first change starts at the limit."""
     assert inputs.shape == (len(problem.states), problem.steps, 2)
     bounds = np.array([(each.turn_rate_radps, each.acceleration_mps2) for each in problem.limits])[:, None]
     rates = np.array([(each.turn_acceleration_radps2, each.jerk_mps3) for each in problem.limits])[:, None]
     held = problem.previous_inputs[:, None].clip(-bounds, bounds)
     changes = np.diff(np.concatenate([held, inputs], axis=1), axis=1)
-    assert (np.abs(inputs) <= bounds + 1e-9).all()
-    assert (np.abs(changes) <= STEP_S * rates + 1e-9).all()
+    assert (np.abs(inputs) <= bounds + rounding).all()
+    assert (np.abs(changes) <= STEP_S * rates + rounding).all()
 
 
 def cold(problem: JointProblem, turn_radps: float = 0.2) -> Start:

@@ -83,11 +83,7 @@ def dense_problem(scene: Scene, tracks: dict[str, Array], robot: str) -> DensePr
     )
     slope, by_goal, values, gradients, terminal = (each.full() for each in results)
     return DenseProblem(
-        slope.ravel(),
-        by_goal,
-        values.reshape(steps, -1),
-        gradients.reshape(steps, -1, 2 * steps),
-        terminal,
+        slope.ravel(), by_goal, values.reshape(steps, -1), gradients.reshape(steps, -1, 2 * steps), terminal
     )
 
 

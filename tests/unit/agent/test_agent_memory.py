@@ -29,10 +29,7 @@ def memory_of(steps: int, *robots: str) -> Memory:
     return memory
 
 
-@given(
-    st.floats(-math.pi, math.pi),
-    st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=WINDOW - 1),
-)
+@given(st.floats(-math.pi, math.pi), st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=WINDOW - 1))
 def test_headings_observed_in_one_turn_are_remembered_without_jumps(start, changes):
     """Headings wrapped by the world come back as the continuous ones, up to the turns before the first."""
     true = start + np.concatenate([[0.0], np.cumsum(changes)])

@@ -33,11 +33,7 @@ class Drive:
         self.previous = (0.0, 0.0)
 
     def on(
-        self,
-        others: Mapping[str, Place] = {"b": B},
-        *,
-        own: Place | None = None,
-        age_steps: int = 0,
+        self, others: Mapping[str, Place] = {"b": B}, *, own: Place | None = None, age_steps: int = 0
     ) -> Decision:
         states = {"a": own or self.state, **others}
         told = seen(self.step, states, age_steps=min(age_steps, self.step))

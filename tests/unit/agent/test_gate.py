@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from agent_helpers import STEP_S, scene_of, seen
+from agent_helpers import STEP_S, enlarged, scene_of, seen
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -33,15 +33,6 @@ DRIVES = st.lists(HELD, min_size=1, max_size=8).map(
 )
 
 
-def scaled(scale: float) -> Limits:
-    """Of a vehicle that does the same so many times as large, in the same time."""
-    return LIMITS.model_copy(
-        update={
-            name: scale * getattr(LIMITS, name) for name in ("speed_mps", "acceleration_mps2", "jerk_mps3")
-        }
-    )
-
-
 def gate(limits: Limits = LIMITS) -> Gate:
     return Gate(STEP_S, lambda _: limits)
 
@@ -54,7 +45,7 @@ def driven(
     states = [State.of(*state)]
     for turn_rate, acceleration in inputs:
         wanted = Input(turn_rate, scale * acceleration)
-        state, previous, _ = drive(scaled(scale), state, previous, wanted, STEP_S)
+        state, previous, _ = drive(enlarged(scale), state, previous, wanted, STEP_S)
         states.append(State.of(*state))
     return states
 
@@ -77,7 +68,7 @@ def judged(by: Gate, states: Sequence[State], first: int = 0, accuracy: Accuracy
 
 def watching(steps: int = 5, scale: float = 1.0) -> Gate:
     """A gate that has seen a robot drive straight on until the step before this one."""
-    begun = gate(scaled(scale))
+    begun = gate(enlarged(scale))
     assert judged(begun, [straight(step, scale=scale) for step in range(steps)]) == [BELIEVED] * steps
     return begun
 
@@ -97,7 +88,7 @@ def test_whatever_a_vehicle_drives_is_believed_also_what_nobody_saw(
 ):
     """However large it is, and however small."""
     states = driven(inputs, speed_mps=speed_mps, heading_rad=heading_rad, scale=scale)
-    by = gate(scaled(scale))
+    by = gate(enlarged(scale))
     seen = [step for step in np.cumsum([0, *gaps]).tolist() if step < len(states)]
     assert {by.judge("a", step, states[step], EXACT) for step in seen} == {BELIEVED}
 

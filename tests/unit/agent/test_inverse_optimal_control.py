@@ -6,17 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from agent_helpers import (
-    LOOSE,
-    SOLVERS,
-    WEIGHTS,
-    cold,
-    euler,
-    problem_of,
-    remembered,
-    scene_of,
-    square,
-)
+from agent_helpers import LOOSE, SOLVERS, WEIGHTS, cold, euler, problem_of, remembered, scene_of, square
 from inverse_oracle import dense_problem, solve_dense
 
 from agent.estimate import inverse_optimal_control

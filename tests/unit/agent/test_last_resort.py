@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-import pytest
 from agent_helpers import STEP_S, euler, scene_of
 from hypothesis import given
 from hypothesis import strategies as st
@@ -62,7 +61,7 @@ class Drive:
         self._memory = Memory(17, STEP_S)
         self._actual = actual
 
-    def run(self, *, doubts: bool = True, ignoring: int = 0) -> "Drive":
+    def run(self, *, ignoring: int = 0) -> "Drive":
         """To the end; the first few orders to brake can be ignored."""
         state, previous = np.array(BEGIN), STANDSTILL
         for step in range(STEPS):
@@ -71,8 +70,7 @@ class Drive:
             self._memory.remember(step, {"a": state, "b": other})
             plan = Plan(np.zeros((30, 2)), euler(tuple(state), [STANDSTILL] * 30), solved=True)
             later = np.concatenate([state[None, :2], braking(plan.states[1], STANDSTILL)])
-            doubted, at_once = ["b"] if doubts else [], braking(state, previous)
-            if self._last_resort.must_brake(self._memory, doubted, plan, at_once, later):
+            if self._last_resort.must_brake(self._memory, ["b"], plan, braking(state, previous), later):
                 self.braked.append(step)
             if self.braked and step >= self.braked[0] + ignoring:
                 previous = braking_input(LIMITS, previous, float(state[3]), STEP_S)
@@ -92,30 +90,14 @@ def stopping_dead(step: int) -> tuple[float, float, float, float]:
     return (2.0, y_m, math.pi / 2, 3.0) if y_m < -0.2 else (2.0, -0.2, math.pi / 2, 0.0)
 
 
-def crossing(step: int) -> tuple[float, float, float, float]:
-    """The same, but it goes on and is gone in time."""
-    return (2.0, -4.0 + 0.3 * step, math.pi / 2, 3.0)
-
-
 def test_braking_for_who_stops_dead_keeps_clear_of_it_and_is_as_late_as_it_can_be():
     assert not Drive(stopping_dead).run().collides
     assert Drive(stopping_dead).run(ignoring=1).collides
 
 
-def test_nobody_is_braked_for_who_is_out_of_the_way_in_time():
-    drive = Drive(crossing).run()
-    assert (drive.braked, drive.collides) == ([], False)
-
-
-@pytest.mark.parametrize(
-    "actual", [lambda _: (2.0, -0.2, 0.0, 0.0), stopping_dead], ids=["stands", "stops dead"]
-)
-def test_nobody_is_braked_for_who_is_not_doubted(actual):
-    """That is up to the reserve."""
-    drive = Drive(actual).run(doubts=False)
-    assert (drive.braked, drive.collides) == ([], True)
-
-
-def test_it_does_not_brake_for_who_comes_from_behind():
-    """That would bring the other nearer yet."""
-    assert min(Drive(lambda step: (-9.2 + 0.33 * step, 0.0, 0.0, 3.3)).run().braked, default=STEPS) > 6
+def test_it_does_not_brake_for_who_is_out_of_the_way_in_time_nor_for_who_comes_from_behind():
+    """Braking would bring the latter nearer yet."""
+    crossing = Drive(lambda step: (2.0, -4.0 + 0.3 * step, math.pi / 2, 3.0)).run()
+    assert (crossing.braked, crossing.collides) == ([], False)
+    behind = Drive(lambda step: (-9.2 + 0.33 * step, 0.0, 0.0, 3.3)).run()
+    assert min(behind.braked, default=STEPS) > 6

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from agent_helpers import SOLVERS, STEP_S, cold, problem_of, remembered, scene_of, square
+from agent_helpers import SOLVERS, STEP_S, cold, enlarged, problem_of, remembered, scene_of, square
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -94,8 +94,8 @@ def test_goals_are_found_from_how_robots_drive_better_than_by_the_published_esti
         states, goals = followed(robots, seed, steps)
         found.append(errors_m(estimator_of(scene), states, goals)[15:])
         published.append(errors_m(InverseOptimalControl(scene), states, goals)[15:])
-    assert np.mean(found) < 0.7 * np.mean(published)
-    assert estimator_of is not JointFit or np.median(np.array(found)[:, 10:]) < 0.5
+    assert np.median(found) < 0.7 * np.median(published)
+    assert estimator_of is not JointFit or np.mean(found) < 0.7 * np.mean(published)
 
 
 def test_the_upper_level_finds_the_least_squares_solution():
@@ -150,25 +150,29 @@ def test_a_robot_that_appears_is_first_taken_to_go_straight_on_and_one_that_vani
 @pytest.mark.parametrize("scale", [0.02, 1.0, 10.0])
 def test_a_goal_is_first_guessed_where_top_speed_is_just_reached_but_not_on_somebody_elses_course(scale):
     """With top speed 2, braking at 1 and jerk 2: 4 m to speed up and stop, and 1 m to change between them."""
-    limits = Limits(
-        speed_mps=2.0 * scale, acceleration_mps2=scale, jerk_mps3=2.0 * scale, turn_rate_radps=1.0
-    )
+    limits = enlarged(scale, Limits(speed_mps=2.0, acceleration_mps2=1.0, jerk_mps3=2.0))
     robot = PublicRobot(limits=limits, radius_m=0.5 * scale)
     scene = Scene(robots={"a": robot, "b": robot}, area=square(20.0 * scale))
 
-    def guess(other: tuple[float, ...]) -> Array:
-        states = {"a": np.array([(0.0, 1.0, 0.0, 0.0)]), "b": np.array([other])}
-        memory = remembered({name: state * [scale, scale, 1.0, scale] for name, state in states.items()})
-        return first_guess(scene, memory, "a") / scale
-
-    horizon_m = 2.0 * 3.0
-    for other, expected in (
-        ((5.0, 9.0, np.pi / 2, 1.0), 5.0),  # it drives away
-        ((5.0, -9.0, np.pi / 2, 1.0), 5.0),  # it does not come so far
-        ((5.9, -4.0, np.pi / 2, 0.0), horizon_m),  # a would stand in its way
-        ((6.1, -4.0, np.pi / 2, 0.0), 5.0),  # the bodies would not touch
+    for x_m, y_m, expected_m in (
+        (5.0, 9.0, 5.0),  # b drives away
+        (5.0, -9.0, 5.0),  # it does not come so far
+        (5.9, -4.0, 2.0 * 3.0),  # a would stand in its way, so a goes on at full speed
+        (6.1, -4.0, 5.0),  # the bodies would not touch
     ):
-        np.testing.assert_allclose(guess(other), [expected, 1.0], rtol=1e-12)
+        states = np.array([[(0.0, 1.0, 0.0, 0.0)], [(x_m, y_m, np.pi / 2, 1.0)]]) * [scale, scale, 1.0, scale]
+        found = first_guess(scene, remembered(dict(zip("ab", states, strict=True))), "a")
+        np.testing.assert_allclose(found / scale, [expected_m, 1.0], rtol=1e-12)
+
+
+def test_a_robot_that_brakes_is_believed_to_stop_near_although_no_derivative_leads_there():
+    """It was thought to go on for the whole horizon, off the course of another one."""
+    states = [(-9.0, 0.0, 0.0, 0.0), (-0.3, -8.0, np.pi / 2, 0.0)]
+    seen, goals = drive(problem_of(states, [(1.0, 0.0, 0.0, 0.0), (-0.3, -4.0, np.pi / 2, 0.0)]), 30)
+    errors = errors_m(JointFit(scene_of("01")), seen, goals)
+    assert errors[18, 0] > 2.5
+    assert errors[26:].max() < 0.2
+    assert np.linalg.norm(seen[26, 0, :2] - goals[0]) > 2.5
 
 
 @ESTIMATORS

@@ -169,10 +169,6 @@ def in_company(random, robots, obstacles, steps, scale):
     return replace(problem, safety_distances=safe[:robots], sides=sides[:robots]), states
 
 
-def rows_of(problem, states):
-    return rows_about(states, problem.obstacles, problem.safety_distances, problem.sides, problem.area)
-
-
 @few
 @given(seeds, st.integers(1, 4), st.integers(0, 3), st.integers(2, 6), st.sampled_from([0.3, 3.0]))
 def test_the_violation_of_a_problem_is_the_largest_shortfall_of_its_rows(
@@ -181,8 +177,9 @@ def test_the_violation_of_a_problem_is_the_largest_shortfall_of_its_rows(
     """The one is written in arrays, the other as a kernel; robots may even be in one place at first."""
     problem, states = in_company(np.random.default_rng(seed), robots, obstacles, steps, scale)
     for _ in range(2):
-        largest = max(0.0, *-rows_of(problem, states).gap)
-        assert problem.violation_m(states) == pytest.approx(largest, abs=1e-12)
+        kept = (problem.obstacles, problem.safety_distances, problem.sides, problem.area)
+        largest_m = violations_of(states, *kept)[1]
+        assert problem.violation_m(states) == pytest.approx(largest_m, abs=1e-12)
         states[1:, 0] = states[:1, 0]
 
 
@@ -207,15 +204,17 @@ def test_a_trajectory_without_violation_is_one_that_passes_on_the_agreed_side(be
 
 def gap_at(x, y, side):
     """Of a pair that sees one another along x, and its normal, at a stage at which it is apart by (x, y)."""
-    problem = replace(problem_of(np.zeros((2, 4)), np.zeros((2, 4)), steps=2), sides=np.full((2, 2), side))
     states = np.zeros((2, 3, 4))
     states[0, 0, 0], states[0, 2, :2] = 5.0, (x, y)
-    rows = rows_of(problem, states)
-    pair = int(np.flatnonzero(rows.robots[:, 1] != NOBODY)[0])
-    return float(rows.gap[pair]), rows.normal[pair]
+    nobody, size = np.zeros((0, 3, 2)), np.full((2, 2), SAFETY_M)
+    rows = rows_about(states, nobody, size, side * size / SAFETY_M, AREA)
+    return float(rows.gap[0]), rows.normal[0]
 
 
-@given(bearings, st.floats(-4.0, 4.0), st.sampled_from([-1.0, 1.0]), bearings)
+agreed = st.sampled_from([-1.0, 1.0])
+
+
+@given(bearings, st.floats(-4.0, 4.0), agreed, bearings)
 def test_the_gap_of_an_agreed_side_does_not_jump_where_rows_begin_to_lead_to_it(
     bearing, away, side, direction
 ):
@@ -224,22 +223,20 @@ def test_the_gap_of_an_agreed_side_does_not_jump_where_rows_begin_to_lead_to_it(
     sight = (math.copysign(SAFETY_M + abs(away), away), 0.0)
     begins = (math.copysign(SAFETY_M, away), -side * abs(away))
     for x, y in (circle, sight, begins):
-        step = 1e-10 * np.array([math.cos(direction), math.sin(direction)])
+        there = x + 1e-10 * math.cos(direction), y + 1e-10 * math.sin(direction)
         # The circle is steep where it begins: a change there by ε is one by √ε beside it.
-        assert gap_at(x + step[0], y + step[1], side)[0] == pytest.approx(gap_at(x, y, side)[0], abs=1e-4)
+        assert gap_at(*there, side)[0] == pytest.approx(gap_at(x, y, side)[0], abs=1e-4)
 
 
-@given(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.sampled_from([-1.0, 1.0]))
+@given(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), agreed)
 def test_rows_of_an_agreed_side_touch_the_circle_beside_the_other_and_elsewhere_are_derivatives(x, y, side):
     """The half-plane of a violated row touches it on the agreed side, as far along the sight as it is now."""
-    (gap, normal), across = gap_at(x, y, side), side * y
-    assume(abs(math.hypot(x, y) - SAFETY_M) > 1e-3)
-    assume(min(abs(across), abs(abs(x) - SAFETY_M)) > 1e-3)
-    assert np.hypot(*normal) == pytest.approx(1.0)
+    assume(min(abs(math.hypot(x, y) - SAFETY_M), abs(y), abs(abs(x) - SAFETY_M)) > 1e-3)
+    gap, normal = gap_at(x, y, side)
     if gap < 0.0:
         there = np.array([x, side * math.sqrt(SAFETY_M**2 - x**2)])
-        assert gap + normal @ (there - [x, y]) == pytest.approx(0.0, abs=1e-9)
         np.testing.assert_allclose(SAFETY_M * normal, there, atol=1e-9)
+        assert gap == pytest.approx(normal @ [x, y] - SAFETY_M, abs=1e-9)
     else:
         slopes = [(gap_at(x + dx, y + dy, side)[0] - gap) / 1e-6 for dx, dy in ((1e-6, 0.0), (0.0, 1e-6))]
         np.testing.assert_allclose(slopes, normal, atol=1e-5)

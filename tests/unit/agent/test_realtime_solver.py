@@ -4,7 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from agent_helpers import NEVER, SOLVERS, cold, problem_of
+from agent_helpers import NEVER, SOLVERS, assert_inputs_within_limits, cold, enlarged, problem_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from realtime_helpers import closed_loop, random_crossing
@@ -38,14 +38,6 @@ def solve(problem: JointProblem, start: Start | None = None, iterations: int = 2
 def assert_same(one: Solution, other: Solution) -> None:
     for field in fields(Solution):
         np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
-
-
-def assert_within_limits(problem: JointProblem, inputs: np.ndarray) -> None:
-    assert np.isfinite(inputs).all()
-    assert (np.abs(inputs) <= problem.input_bounds[:, None]).all()
-    held = np.clip(problem.previous_inputs, -problem.input_bounds, problem.input_bounds)
-    changes = np.diff(np.concatenate([held[:, None], inputs], axis=1), axis=1)
-    assert (np.abs(changes) <= problem.rate_bounds[:, None] + 1e-15).all()
 
 
 def test_recorded_problems_are_solved_as_by_the_reference():
@@ -103,18 +95,10 @@ def test_in_other_units_of_length_and_of_cost_the_solution_is_the_same_to_the_la
     problem = replace(problem, sides=np.where(np.eye(3, 4) > 0.0, 0.0, -1.0))
     length, cost = 2.0**length, 2.0**cost
     state = np.array([length, length, 1.0, length])
-    lengths = {name: length * getattr(problem, name) for name in ("obstacles", "safety_distances", "area")}
-    large = {
-        name: length * getattr(Limits(), name) for name in ("speed_mps", "acceleration_mps2", "jerk_mps3")
-    }
-    scaled = replace(
-        problem,
-        **lengths,
-        states=problem.states * state,
-        goals=problem.goals * state,
-        weights=cost * problem.weights / state**2,
-        limits=(Limits().model_copy(update=large),) * 3,
-    )
+    longer = {name: length * getattr(problem, name) for name in ("obstacles", "safety_distances", "area")}
+    longer |= {name: state * getattr(problem, name) for name in ("states", "goals")}
+    weights, limits = cost * problem.weights / state**2, (enlarged(length),) * 3
+    scaled = replace(problem, **longer, weights=weights, limits=limits)
     found, expected = (solve(each, replace(cold(each), warm=warm)) for each in (scaled, problem))
     assert (found.solved, found.iterations) == (expected.solved, expected.iterations)
     np.testing.assert_array_equal(found.states, expected.states * state)
@@ -154,16 +138,14 @@ def test_a_problem_with_a_value_that_is_no_number_is_not_solved(field, value):
         solution = solve(spoiled, replace(cold(problem), warm=warm))
         assert not solution.solved
         if field != "previous_inputs":  # from which nothing would be within reach
-            assert_within_limits(spoiled, solution.inputs)
+            assert_inputs_within_limits(spoiled, solution.inputs, rounding=1e-15)
 
 
 @pytest.mark.parametrize("part", ["inputs", "forces"])
 def test_a_start_with_a_value_that_is_no_number_leads_to_no_solution(part):
-    problem = crossing()
-    start = replace(cold(problem), warm=True)
-    spoiled = getattr(start, part).copy()
-    spoiled[1, 5, 0] = np.nan
-    assert not solve(problem, replace(start, **{part: spoiled})).solved
+    start = replace(cold(crossing()), warm=True)
+    getattr(start, part)[1, 5, 0] = np.nan
+    assert not solve(crossing(), start).solved
 
 
 @settings(max_examples=20)
@@ -182,7 +164,7 @@ def test_limits_are_kept_exactly_after_any_number_of_iterations(seed, robots, it
     )
     wild = random.normal(scale=3.0, size=(robots, problem.steps, 2))
     solution = solve(problem, replace(cold(problem), inputs=wild, warm=warm), iterations)
-    assert_within_limits(problem, solution.inputs)
+    assert_inputs_within_limits(problem, solution.inputs, rounding=1e-15)
     np.testing.assert_array_equal(solution.states, problem.rollout(solution.inputs))
 
 

@@ -37,8 +37,7 @@ def side(of: dict[str, Array], sigma_m: float = SIGMA_M) -> float:
     sigmas_m = dict.fromkeys(of, sigma_m)
     found = agreed_sides(SCENE, of, sigmas_m)
     assert found == agreed_sides(SCENE, dict(reversed(of.items())), sigmas_m)
-    assert found.get(("a", "b")) == found.get(("b", "a"))
-    assert set(found) <= {("a", "b"), ("b", "a")}
+    assert found in ({}, dict.fromkeys([("a", "b"), ("b", "a")], found.get(("a", "b"))))
     return found.get(("a", "b"), 0.0)
 
 
@@ -55,11 +54,7 @@ def test_who_would_come_too_close_passes_as_the_miss_says_or_else_by_the_convent
     assert side({"a": seen["b"], "b": seen["a"]}) == expected
     mirrored = {robot: way * [1.0, -1.0] for robot, way in seen.items()}
     assert side(mirrored) == (expected if size_m < DOUBT_M else -expected)
-
-
-def test_more_noise_leaves_more_to_the_convention():
-    seen = ways(0.6, 0.3, (1.0, 1.0))
-    assert (side(seen), side(seen, sigma_m=0.1)) == (-CONVENTION, CONVENTION)
+    assert side(seen, sigma_m=1.0) == (CONVENTION if size_m < SAFETY_M + 4.0 else 0.0)
 
 
 @pytest.mark.parametrize(("end", "is_open"), [(14, True), (17, False)])
@@ -80,12 +75,11 @@ def turned(states: Array) -> float:
     ("offset_m", "expected"), [(0.0, -1.0), (0.3, -1.0), (-0.3, -1.0), (0.6, 1.0), (-0.6, -1.0)]
 )
 def test_head_on_both_minds_predict_that_they_pass_on_the_agreed_side(offset_m, expected):
-    """Where they would meet, both evade to their left; also whoever believed something else at first."""
-    seen = {"a": (-4.0, 0.0, 0.0, 1.0), "b": (4.0, offset_m, math.pi, 1.0)}
-    goals = {"a": np.array([4.0, 0.0, 0.0, 0.0]), "b": np.array([-4.0, offset_m, math.pi, 0.0])}
-    for aims in (goals, {robot: goal * [0.8, 1.0, 1.0, 1.0] for robot, goal in goals.items()}):
-        memory = remembered({robot: np.array([state]) for robot, state in seen.items()})
-        prediction = Predictor(SCENE, SOLVER, NEVER).predict(memory, aims, ())
+    """Where they would meet, both evade to their left; also where they believe in other goals."""
+    states = {"a": np.array([(-4.0, 0.0, 0.0, 1.0)]), "b": np.array([(4.0, offset_m, math.pi, 1.0)])}
+    for far_m in (4.0, 3.2):
+        goals = {"a": np.array([far_m, 0.0, 0.0, 0.0]), "b": np.array([-far_m, offset_m, math.pi, 0.0])}
+        prediction = Predictor(SCENE, SOLVER, NEVER).predict(remembered(states), goals, ())
         assert prediction.solved
         assert prediction.sides == {("a", "b"): expected, ("b", "a"): expected}
         assert turned(np.array([prediction.states[robot] for robot in "ab"])) * expected > 2.0

@@ -22,10 +22,7 @@ def after(speed: float, acceleration: float, heading: float = 0.0) -> np.ndarray
     before = speed - STEP_S * acceleration
     way = STEP_S * before
     return np.array(
-        [
-            [-way * math.cos(heading), -way * math.sin(heading), heading, before],
-            [0.0, 0.0, heading, speed],
-        ]
+        [[-way * math.cos(heading), -way * math.sin(heading), heading, before], [0.0, 0.0, heading, speed]]
     )
 
 
