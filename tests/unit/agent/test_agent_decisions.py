@@ -95,7 +95,7 @@ def test_failures_are_counted_and_answered_by_the_rule(solver, failing):
     assert first.command.input == pytest.approx((-0.05, -0.7))
     assert second.command.input == pytest.approx((-0.1, -1.4))
     assert bool(first.mind.plan) == (failing == "plan")
-    assert solver.phases.count("plan") == (2 if failing == "plan" else 0), "nothing to plan with"
+    assert ("plan" in solver.phases) == (failing == "plan"), "nothing to plan with"
     solver.fails = set()
     recovered = decided(agent, 2, {"a": A, "b": B})
     assert (recovered.mind.failed, recovered.mind.solver_failures) == ((), 2)
