@@ -50,38 +50,24 @@ def braking(state: Array, previous: Input) -> Array:
     return np.concatenate([path, np.tile(path[-1], (40, 1))])
 
 
-class Drive:
-    """Robot a under its last resort, which brakes instead when it is told to."""
+def drive(actual: Way, ignoring: int = 0) -> tuple[list[int], bool]:
+    """At which steps a, doubting b, is told to brake, and whether they collide.
 
-    def __init__(self, actual: Way) -> None:
-        self.scene = scene_of("ab")
-        self.braked: list[int] = []
-        self.least_m = math.inf
-        self._last_resort = LastResort(self.scene, "a")
-        self._memory = Memory(17, STEP_S)
-        self._actual = actual
-
-    def run(self, *, ignoring: int = 0) -> "Drive":
-        """To the end; the first few orders to brake can be ignored."""
-        state, previous = np.array(BEGIN), STANDSTILL
-        for step in range(STEPS):
-            other = self._actual(step)
-            self.least_m = min(self.least_m, math.dist(state[:2], other[:2]))
-            self._memory.remember(step, {"a": state, "b": other})
-            plan = Plan(np.zeros((30, 2)), euler(tuple(state), [STANDSTILL] * 30), solved=True)
-            later = np.concatenate([state[None, :2], braking(plan.states[1], STANDSTILL)])
-            if self._last_resort.must_brake(self._memory, ["b"], plan, braking(state, previous), later):
-                self.braked.append(step)
-            if self.braked and step >= self.braked[0] + ignoring:
-                previous = braking_input(LIMITS, previous, float(state[3]), STEP_S)
-            else:
-                previous = STANDSTILL
-            state = euler(tuple(state), [previous])[-1]
-        return self
-
-    @property
-    def collides(self) -> bool:
-        return self.least_m < self.scene.collision_distance_m("a", "b")
+    It brakes from then on, but the first few orders can be ignored.
+    """
+    scene, memory = scene_of("ab"), Memory(17, STEP_S)
+    last_resort, state, previous, braked, gaps_m = LastResort(scene, "a"), np.array(BEGIN), STANDSTILL, [], []
+    for step in range(STEPS):
+        memory.remember(step, {"a": state, "b": actual(step)})
+        gaps_m.append(math.dist(state[:2], actual(step)[:2]))
+        plan = Plan(np.zeros((30, 2)), euler(tuple(state), [STANDSTILL] * 30), solved=True)
+        later = np.concatenate([state[None, :2], braking(plan.states[1], STANDSTILL)])
+        if last_resort.must_brake(memory, ["b"], plan, braking(state, previous), later):
+            braked.append(step)
+        brakes = bool(braked) and step >= braked[0] + ignoring
+        previous = braking_input(LIMITS, previous, float(state[3]), STEP_S) if brakes else STANDSTILL
+        state = euler(tuple(state), [previous])[-1]
+    return braked, min(gaps_m) < scene.collision_distance_m("a", "b")
 
 
 def stopping_dead(step: int) -> tuple[float, float, float, float]:
@@ -91,13 +77,11 @@ def stopping_dead(step: int) -> tuple[float, float, float, float]:
 
 
 def test_braking_for_who_stops_dead_keeps_clear_of_it_and_is_as_late_as_it_can_be():
-    assert not Drive(stopping_dead).run().collides
-    assert Drive(stopping_dead).run(ignoring=1).collides
+    assert [drive(stopping_dead, ignoring)[1] for ignoring in (0, 1)] == [False, True]
 
 
 def test_it_does_not_brake_for_who_is_out_of_the_way_in_time_nor_for_who_comes_from_behind():
     """Braking would bring the latter nearer yet."""
-    crossing = Drive(lambda step: (2.0, -4.0 + 0.3 * step, math.pi / 2, 3.0)).run()
-    assert (crossing.braked, crossing.collides) == ([], False)
-    behind = Drive(lambda step: (-9.2 + 0.33 * step, 0.0, 0.0, 3.3)).run()
-    assert min(behind.braked, default=STEPS) > 6
+    assert drive(lambda step: (2.0, -4.0 + 0.3 * step, math.pi / 2, 3.0)) == ([], False)
+    braked, _ = drive(lambda step: (-9.2 + 0.33 * step, 0.0, 0.0, 3.3))
+    assert min(braked, default=STEPS) > 6
