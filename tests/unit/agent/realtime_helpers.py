@@ -164,7 +164,7 @@ def _by_the_oracle(program: DenseProgram, rows: Array, gap: Array) -> Array:
     return change
 
 
-def random_crossing(robots: int, seed: int) -> JointProblem:
+def random_crossing(robots: int, seed: int, **how: Any) -> JointProblem:
     """Robots that stand on a circle and are bound for about the opposite side, as at the start of a run."""
     random = np.random.default_rng(seed)
 
@@ -175,7 +175,8 @@ def random_crossing(robots: int, seed: int) -> JointProblem:
     starts, goals = places(), np.roll(places(), robots // 2, axis=0)
     headings = np.arctan2(*(goals - starts).T[::-1])
     still = np.zeros(robots)
-    return problem_of(np.column_stack([starts, headings, still]), np.column_stack([goals, headings, still]))
+    ends = (np.column_stack([places, headings, still]) for places in (starts, goals))
+    return problem_of(*ends, **how)
 
 
 @dataclass(frozen=True)

@@ -115,14 +115,12 @@ def test_parked_robots_stay_and_are_avoided():
 
 
 def test_parked_robots_stand_in_one_order_however_they_are_named():
-    memory = memory_of("abc")
-    orders = [["b", "c"], ["c", "b"]]
-    paths = [
-        Predictor(scene_of("abc"), SOLVERS["realtime"], NEVER).predict(memory, GOALS, order).paths
-        for order in orders
-    ]
-    assert [list(each) for each in paths] == [["a", "b", "c"]] * 2
-    np.testing.assert_array_equal(paths[0]["a"], paths[1]["a"])
+    memory, predictors = memory_of("abc"), [Predictor(scene_of("abc"), Watched(), NEVER) for _ in range(2)]
+    one, other = (
+        each.predict(memory, GOALS, order).paths for each, order in zip(predictors, ("bc", "cb"), strict=True)
+    )
+    assert list(one) == list(other) == ["a", "b", "c"]
+    np.testing.assert_array_equal(one["a"], other["a"])
 
 
 def test_the_first_prediction_and_that_after_a_failed_one_start_as_if_all_were_alone_others_from_the_last():

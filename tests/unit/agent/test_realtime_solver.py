@@ -22,13 +22,7 @@ PASSING = np.column_stack([np.zeros(31), -2.0 + 0.12 * np.arange(31)])
 
 def crossing(robots: int = 4, seed: int = 2) -> JointProblem:
     """With an obstacle that passes through the middle."""
-    problem = random_crossing(robots, seed)
-    return replace(
-        problem,
-        obstacles=PASSING[None].copy(),
-        safety_distances=np.full((robots, robots + 1), 1.39),
-        sides=np.zeros((robots, robots + 1)),
-    )
+    return random_crossing(robots, seed, obstacles=PASSING[None].copy())
 
 
 def solve(problem: JointProblem, start: Start | None = None, iterations: int = 2) -> Solution:
@@ -184,18 +178,10 @@ def test_other_layouts_and_numbers_compile_nothing_and_layouts_change_nothing():
     expected, before = solve(problem), compiled()
     for layout in (np.asfortranarray, strided):
         other = replace(problem, **{field: layout(getattr(problem, field)) for field in [*FIELDS, "sides"]})
-        start = cold(problem)
-        parts = {part: layout(getattr(start, part)) for part in ("inputs", "forces", "limit_multipliers")}
-        start = replace(start, **parts)
+        parts = ("inputs", "forces", "limit_multipliers")
+        start = replace(cold(problem), **{part: layout(getattr(cold(problem), part)) for part in parts})
         assert_same(solve(other, start), expected)
     for robots, obstacles, steps in ((1, 0, 30), (2, 3, 1), (7, 1, 2), (3, 0, 45)):
-        problem = random_crossing(robots, 1)
-        problem = replace(
-            problem,
-            obstacles=np.tile(PASSING[:1], (obstacles, steps + 1, 1)),
-            safety_distances=np.full((robots, robots + obstacles), 1.39),
-            sides=np.zeros((robots, robots + obstacles)),
-            steps=steps,
-        )
-        assert solve(problem).solved
+        standing = np.tile(PASSING[:1], (obstacles, steps + 1, 1))
+        assert solve(random_crossing(robots, 1, obstacles=standing, steps=steps)).solved
     assert compiled() == before
