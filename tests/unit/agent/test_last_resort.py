@@ -40,8 +40,7 @@ def test_positions_ahead_are_those_of_robots_that_go_on_or_slow_down_until_they_
 BEGIN = (-8.0, 0.0, 0.0, 3.0)
 """Of robot a, which wants to drive straight on along x."""
 STEPS = 60
-Way = Callable[[int], tuple[float, float, float, float]]
-"""The state of robot b by the step."""
+Place = tuple[float, float, float, float]
 
 
 def braking(state: Array, previous: Input) -> Array:
@@ -50,11 +49,8 @@ def braking(state: Array, previous: Input) -> Array:
     return np.concatenate([path, np.tile(path[-1], (40, 1))])
 
 
-def drive(actual: Way, ignoring: int = 0) -> tuple[list[int], bool]:
-    """At which steps a, doubting b, is told to brake, and whether they collide.
-
-    It brakes from then on, but the first few orders can be ignored.
-    """
+def drive(actual: Callable[[int], Place], ignoring: int = 0) -> tuple[list[int], bool]:
+    """At which steps a, doubting b, is told to brake, and whether they collide; it ignores some orders."""
     scene, memory = scene_of("ab"), Memory(17, STEP_S)
     last_resort, state, previous, braked, gaps_m = LastResort(scene, "a"), np.array(BEGIN), STANDSTILL, [], []
     for step in range(STEPS):
@@ -70,7 +66,7 @@ def drive(actual: Way, ignoring: int = 0) -> tuple[list[int], bool]:
     return braked, min(gaps_m) < scene.collision_distance_m("a", "b")
 
 
-def stopping_dead(step: int) -> tuple[float, float, float, float]:
+def stopping_dead(step: int) -> Place:
     """It crosses the way of a well before it, but then stands there."""
     y_m = -4.0 + 0.3 * step
     return (2.0, y_m, math.pi / 2, 3.0) if y_m < -0.2 else (2.0, -0.2, math.pi / 2, 0.0)

@@ -156,29 +156,21 @@ def test_there_is_a_row_for_each_gap_that_inputs_can_influence_and_it_says_how_i
     np.testing.assert_allclose(found, moved.gap, atol=1e-8)
 
 
-def in_company(random, robots, obstacles, steps, scale):
-    """A problem of robots and obstacles anywhere, with sides for some pairs, and states of all stages."""
-    everybody = robots + obstacles
-    states = random.normal(scale=scale, size=(robots, steps + 1, 4))
-    others = random.normal(scale=scale, size=(obstacles, steps + 1, 2))
-    safe, sides = random.uniform(0.5, 3.0, (everybody, everybody)), np.zeros((everybody, everybody))
-    for i, j in combinations(range(everybody), 2):
-        sides[i, j] = sides[j, i] = random.choice([-1.0, 0.0, 1.0])
-        safe[j, i] = safe[i, j]
-    problem = problem_of(states[:, 0], states[:, -1], obstacles=others, steps=steps, area_m=1e3)
-    return replace(problem, safety_distances=safe[:robots], sides=sides[:robots]), states
-
-
 @few
 @given(seeds, st.integers(1, 4), st.integers(0, 3), st.integers(2, 6), st.sampled_from([0.3, 3.0]))
 def test_the_violation_of_a_problem_is_the_largest_shortfall_of_its_rows(
     seed, robots, obstacles, steps, scale
 ):
     """The one is written in arrays, the other as a kernel; robots may even be in one place at first."""
-    problem, states = in_company(np.random.default_rng(seed), robots, obstacles, steps, scale)
+    random, count = np.random.default_rng(seed), robots + obstacles
+    states = random.normal(scale=scale, size=(robots, steps + 1, 4))
+    others = random.normal(scale=scale, size=(obstacles, steps + 1, 2))
+    safe, sides = random.uniform(0.5, 3.0, (count, count)), np.triu(random.integers(-1, 2, (count, count)), 1)
+    safe, sides = np.maximum(safe, safe.T)[:robots], np.array(sides + sides.T, dtype=float)[:robots]
+    problem = problem_of(states[:, 0], states[:, -1], obstacles=others, steps=steps)
+    problem = replace(problem, safety_distances=safe, sides=sides)
     for _ in range(2):
-        kept = (problem.obstacles, problem.safety_distances, problem.sides, problem.area)
-        largest_m = violations_of(states, *kept)[1]
+        _, largest_m = violations_of(states, others, safe, sides, 1e3 * AREA)
         assert problem.violation_m(states) == pytest.approx(largest_m, abs=1e-12)
         states[1:, 0] = states[:1, 0]
 

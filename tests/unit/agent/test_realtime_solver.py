@@ -110,9 +110,8 @@ def test_from_a_warm_start_it_makes_no_more_iterations_than_it_is_told(most):
 
 
 def test_it_stops_early_where_little_is_left_to_gain():
-    problem = crossing()
-    converged = solve(problem)
-    again = solve(problem, converged.start(), iterations=20)
+    converged = solve(crossing())
+    again = solve(crossing(), converged.start(), iterations=20)
     assert again.iterations <= 2
     assert again.objective == pytest.approx(converged.objective, rel=1e-4)
 

@@ -5,11 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from agent_helpers import NEVER, SAFETY_M, STEP_S, cold, problem_of, remembered, scene_of
+from agent_helpers import NEVER, SAFETY_M, SOLVERS, STEP_S, cold, problem_of, remembered, scene_of
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from agent.solve import ITERATIONS, joint_solver
 from agent.solve.prediction import Predictor
 from agent.solve.sides import CONVENTION, agreed_sides
 from agent.solve.starts import cold_start
@@ -19,7 +18,7 @@ SCENE = scene_of("ab")
 SIGMA_M = 0.03
 DOUBT_M = 0.4 + 3.0 * math.hypot(SIGMA_M, SIGMA_M)
 """Twice the margin, and three standard deviations of both positions."""
-SOLVER = joint_solver("realtime", ITERATIONS, NEVER)
+SOLVER = SOLVERS["realtime"]
 bearings = st.floats(-math.pi, math.pi)
 
 
