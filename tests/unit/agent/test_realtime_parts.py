@@ -156,8 +156,8 @@ def test_there_is_a_row_for_each_gap_that_inputs_can_influence_and_it_says_how_i
     np.testing.assert_allclose(found, moved.gap, atol=1e-8)
 
 
-@few
-@given(seeds, st.integers(1, 4), st.integers(0, 3), st.integers(2, 6), st.sampled_from([0.3, 3.0]))
+@settings(max_examples=200)
+@given(seeds, st.integers(1, 2), st.integers(0, 2), st.integers(2, 4), st.sampled_from([0.3, 1.0, 3.0]))
 def test_the_violation_of_a_problem_is_the_largest_shortfall_of_its_rows(
     seed, robots, obstacles, steps, scale
 ):
@@ -195,12 +195,14 @@ def test_a_trajectory_without_violation_is_one_that_passes_on_the_agreed_side(be
 
 
 def gap_at(x, y, side):
-    """Of a pair that sees one another along x, and its normal, at a stage at which it is apart by (x, y)."""
-    states = np.zeros((2, 3, 4))
-    states[0, 0, 0], states[0, 2, :2] = 5.0, (x, y)
+    """Of a pair and its normal at a stage at which it is apart by (x, y), seen along its present sight."""
+    states, turn = np.zeros((2, 3, 4)), np.exp(0.7j)
+    for stage, apart in ((0, 5.0 * turn), (2, (x + 1j * y) * turn)):
+        states[0, stage, :2] = apart.real, apart.imag
     nobody, size = np.zeros((0, 3, 2)), np.full((2, 2), SAFETY_M)
     rows = rows_about(states, nobody, size, side * size / SAFETY_M, AREA)
-    return float(rows.gap[0]), rows.normal[0]
+    normal = complex(*rows.normal[0]) / turn
+    return float(rows.gap[0]), np.array([normal.real, normal.imag])
 
 
 agreed = st.sampled_from([-1.0, 1.0])
