@@ -74,8 +74,8 @@ def watching(steps: int = 5, scale: float = 1.0) -> Gate:
 
 
 @settings(max_examples=50)
-@example(TIGHTEST, 0.0, 0.0, [1] * 90, 0.02)
-@example(TIGHTEST, 0.0, 0.0, [LONGEST_GAP] * 9, 10.0)
+@example(TIGHTEST, 0.0, 0.0, [1] * 90, 10.0)
+@example(TIGHTEST, 0.0, 0.0, [LONGEST_GAP] * 9, 0.02)
 @given(
     DRIVES,
     st.floats(-LIMITS.speed_mps, LIMITS.speed_mps),
