@@ -29,19 +29,29 @@ class Agent:
         scene: what everybody may know.
         method: its estimator, predictor and planner, made for this robot and scene.
         clock: times the phases for ``mind``; it changes no decision.
+        keeps_reserve: see :class:`agent.drive.commands.Driver`.
 
     Attributes:
         goal: where it drives from the next decision on; another one may be set.
         perception: what it has seen so far; :meth:`decide` adds to it.
     """
 
-    def __init__(self, robot: str, goal: Goal, scene: Scene, method: Method, clock: Clock) -> None:
+    def __init__(
+        self,
+        robot: str,
+        goal: Goal,
+        scene: Scene,
+        method: Method,
+        clock: Clock,
+        *,
+        keeps_reserve: bool = True,
+    ) -> None:
         self.goal = goal
         self.perception = Perception(scene, robot)
         self._robot = robot
         self._scene = scene
         self._method = method
-        self._driver = Driver(scene, robot)
+        self._driver = Driver(scene, robot, keeps_reserve=keeps_reserve)
         self._telemetry = Telemetry(robot, clock)
 
     def decide(self, observation: Observation) -> Decision | None:

@@ -84,9 +84,10 @@ class Reserve:
             if self._has_crossed(memory, other, there[0], accuracy):
                 self._crossed[other] = memory.step
             least_m = self._scene.collision_distance_m(self._robot, other) + self._scene.safety_margin_m
-            if _could_meet(own, there, least_m):
+            kept_m = least_m + self._beside_m(memory, other, there)
+            if _could_meet(own, there, float(kept_m.max())):
                 seen = memory.unseen_steps(other) == 0
-                lines[other] = parted(*own, *there, least_m, seen)
+                lines[other] = parted(*own, *there, kept_m, seen)
         self._lines, self._drawn = lines, memory.step
 
     def doubted(self, memory: Memory) -> list[str]:
@@ -141,6 +142,17 @@ class Reserve:
         unseen = 0 if robot == self._robot else memory.unseen_steps(robot)
         brakes, goes_on = (self.braking(memory, robot, previous, steps) for steps in (0, unseen + 1))
         return brakes, goes_on
+
+    def _beside_m(self, memory: Memory, robot: str, stretch: tuple[Array, Array]) -> Array:
+        """How far (T + 1,) from its stretch a robot may be that was turning and began to brake unseen."""
+        begin, way = stretch[0], stretch[1] - stretch[0]
+        previous, length = memory.previous_input(robot), (way**2).sum(axis=1)
+        most = np.zeros(len(begin))
+        for steps in range(1, memory.unseen_steps(robot) + 1):
+            away = self.braking(memory, robot, previous, steps) - begin
+            share = np.clip((away * way).sum(axis=1) / np.where(length > 0.0, length, np.inf), 0.0, 1.0)
+            most = np.maximum(most, np.linalg.norm(away - share[:, None] * way, axis=1))
+        return most
 
     def _array(self, robot: str) -> Array:
         return _as_array(self._scene.robot(robot).limits, self._scene.step_s)
@@ -219,8 +231,10 @@ def contingency(
 
 
 @kernel
-def parted(own: Array, own_on: Array, other: Array, other_on: Array, least_m: float, seen: bool) -> Lines:
+def parted(own: Array, own_on: Array, other: Array, other_on: Array, least_m: Array, seen: bool) -> Lines:
     """The lines of one pair: between contingencies (T + 1, 2), and those after going on.
+
+    They leave a distance (T + 1,) between the two sides.
 
     Both may go as large a part of the way from braking at once to going on as leaves the distance between
     them; of a robot that is not seen, the whole way is kept clear. Where contingencies are nearer than the
@@ -229,7 +243,7 @@ def parted(own: Array, own_on: Array, other: Array, other_on: Array, least_m: fl
     distances = np.empty(len(own))
     for k in range(len(own)):
         px, py, qx, qy = _nearest(own[k], own[k], other[k], other[k] if seen else other_on[k])
-        distances[k] = min(math.hypot(px - qx, py - qy), least_m)
+        distances[k] = min(math.hypot(px - qx, py - qy), least_m[k])
     low, high = 0.0, 1.0
     for halving in range(HALVINGS + 1):
         share = 1.0 if halving == 0 else 0.5 * (low + high)
@@ -244,11 +258,13 @@ def parted(own: Array, own_on: Array, other: Array, other_on: Array, least_m: fl
         px, py, qx, qy = _shared(own[k], own_on[k], other[k], other_on[k], low, seen)
         x, y = px - qx, py - qy
         length = math.hypot(x, y)
+        half = 0.5 * min(distances[k], length)
+        if length == 0.0:  # one place: each keeps to the side where it is now
+            x, y = own[0, 0] - other[0, 0], own[0, 1] - other[0, 1]
+            length = math.hypot(x, y)
         if length > 0.0:
             x, y = x / length, y / length
-        else:  # one place: any direction, the same for all who compute it
-            x, y = 1.0, 0.0
-        middle, half = 0.5 * (x * (px + qx) + y * (py + qy)), 0.5 * min(distances[k], length)
+        middle = 0.5 * (x * (px + qx) + y * (py + qy))
         lines.normal[k, 0], lines.normal[k, 1] = x, y
         lines.own[k], lines.other[k] = middle + half, middle - half
     return lines

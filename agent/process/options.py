@@ -90,6 +90,11 @@ class DecisionOptions(Record):
         ge=0,
         description="Time in ms after which the real-time solver stops improving a decision.",
     )
+    reserve: Annotated[bool, typer.Option("--reserve/--no-reserve")] = Field(
+        True,
+        description="Limit each robot to what leaves it and every other one able to brake clear of each "
+        "other, or, for experiments, let it follow its plan.",
+    )
 
     def decisions(self) -> dict[str, Any]:
         """These options alone, by name."""
@@ -111,7 +116,8 @@ class DecisionOptions(Record):
         """
         deadline = deadline or Deadline(clock, self.budget_s)
         solver = joint_solver(self.solver, self.iterations, deadline)
-        return Agent(robot, goal, scene, method_of(self.goals, scene, robot, solver, deadline), clock)
+        method = method_of(self.goals, scene, robot, solver, deadline)
+        return Agent(robot, goal, scene, method, clock, keeps_reserve=self.reserve)
 
 
 class RobotOptions(DecisionOptions):

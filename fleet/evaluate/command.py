@@ -11,8 +11,9 @@ from rich.console import Console
 from rich.table import Table
 
 from agent.estimate import DEFAULT_GOALS, GoalsName
-from agent.process.options import checked_goals
+from agent.process.options import DecisionOptions, checked_goals
 from agent.solve import SolverName
+from chassis.options import option
 from chassis.refusal import ExitStatus, Refusal
 from fleet.evaluate.evaluation import GRAMMAR, Evaluation, levels_in
 from fleet.evaluate.results import Results, Row, open_results
@@ -64,6 +65,7 @@ def evaluate(
         ),
     ] = ",".join((*PUBLISHED, DEFAULT_GOALS)),
     solver: Annotated[SolverName, typer.Option(help="Solver for the trajectory problems.")] = "realtime",
+    reserve: Annotated[bool, option(DecisionOptions, "reserve")] = True,
     seeds: Annotated[int, typer.Option(min=1, help="Number of noise seeds: 0, 1, …")] = 1,
     noise: Annotated[
         str,
@@ -105,6 +107,7 @@ def evaluate(
         suite=loaded.name,
         goals=cast("tuple[GoalsName, ...]", tuple(goals.split(","))),
         solver=solver,
+        reserve=reserve,
         seeds=seeds,
         noise=tuple(noise.split(",")),
         machine=this_machine(),

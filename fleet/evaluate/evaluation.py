@@ -110,6 +110,8 @@ class Run:
     key: RunKey
     scenario: Scenario
     """With its noise."""
+    reserve: bool = True
+    """Whether robots keep it."""
 
     @property
     def facts(self) -> RunFacts:
@@ -118,6 +120,7 @@ class Run:
             scenario=self.scenario.name,
             goals=self.key.method,
             solver=self.key.solver,
+            reserve=self.reserve,
             clock=VIRTUAL,
             seed=self.key.seed,
             faults=len(self.scenario.faults),
@@ -136,6 +139,8 @@ class Evaluation(Record):
     suite: str
     goals: tuple[GoalsName, ...]
     solver: SolverName
+    reserve: bool = True
+    """Whether robots keep it."""
     seeds: Annotated[int, Field(ge=1)]
     """Of sensor noise: 0 to one less than this."""
     noise: tuple[NoiseLevel, ...]
@@ -160,7 +165,7 @@ class Evaluation(Record):
                 noisy = with_noise(scenario, level)
                 for seed in range(self.seeds if needs_seeds(noisy) else 1):
                     for method in self.goals:
-                        yield Run(RunKey(stem, method, self.solver, level, seed), noisy)
+                        yield Run(RunKey(stem, method, self.solver, level, seed), noisy, self.reserve)
 
     def warnings(self) -> Iterator[str]:
         """Why scenarios cannot be safe, each reason once a scenario."""
@@ -195,6 +200,7 @@ class Evaluation(Record):
             "suite": self.suite,
             "goals": ",".join(self.goals),
             "solver": self.solver,
+            "reserve": self.reserve,
             "seeds": self.seeds,
             "noise": ",".join(self.noise),
             "version": self.machine.version,

@@ -244,7 +244,9 @@ class FaultyMind:
         deadline = FaultyDeadline(self._clock, options.budget_s, self)
         solver = FaultySolver(joint_solver(options.solver, options.iterations, deadline), self)
         method = method_of(options.goals, scene, self._robot, solver, deadline)
-        self._agent = Agent(self._robot, self._goal, scene, method, self._clock)
+        self._agent = Agent(
+            self._robot, self._goal, scene, method, self._clock, keeps_reserve=options.reserve
+        )
         for seen in self._past:
             self._agent.perception.take_in(self._behaviour.view(seen, self._robot), driven=None)
 

@@ -59,6 +59,8 @@ class Summary(Record):
     """Most of the real-time solver for one problem."""
     budget_ms: float | None
     """For a decision with the real-time solver; None for no limit."""
+    reserve: bool = True
+    """Whether robots kept it."""
     clock: str
     seed: int
     verdict: str
@@ -93,7 +95,7 @@ class Summary(Record):
     phases_ms: Phases
 
 
-_FACTS = {"scenario", "goals", "solver", "iterations", "budget_ms", "clock", "seed"}
+_FACTS = {"scenario", "goals", "solver", "iterations", "budget_ms", "reserve", "clock", "seed"}
 
 
 class Tally:
@@ -276,7 +278,7 @@ def _progress(summary: Summary) -> str:
 
 
 def remarks(summary: Summary) -> list[str]:
-    """What was not taken of messages, who drove degraded, who disagreed on sides: nothing if all is well."""
+    """What was not taken of messages, who drove degraded and so on: nothing if all is well."""
     refused = [
         f"Refused of robot {robot}: {', '.join(f'{count} × {reason}' for reason, count in reasons.items())}."
         for robot, reasons in summary.refused.items()
@@ -291,7 +293,8 @@ def remarks(summary: Summary) -> list[str]:
             f"In {summary.side_disagreement:.1%} of {summary.side_pair_steps} pair-steps two robots "
             "predicted to pass each other on different sides."
         )
-    return refused + degraded + sides
+    reserve = [] if summary.reserve else ["All drove without reserve."]
+    return reserve + refused + degraded + sides
 
 
 def _arrival(time_s: float | None) -> str:

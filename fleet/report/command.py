@@ -141,6 +141,7 @@ def _worst_runs_again(
         run = data.runs[row.key]
         command = ["unspoken", "simulate", str(path.with_suffix(".yaml")), "--goals", run.key.method]
         command += ["--solver", run.key.solver, "--seed", str(run.key.seed)]
+        command += [] if run.reserve else ["--no-reserve"]
         shown = WorstRun(path.name, title, why, shlex.join(command), scenario_text(run.scenario))
         begin = f"worst run {number} of {len(chosen)}: {title}"
         runs.append(_driven_again(shown, row, run, begin, progress, interruption))

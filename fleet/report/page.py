@@ -148,6 +148,7 @@ def facts(data: Data) -> dict[str, str]:
         "Robots": f"{robots[0]}" if len(robots) == 1 else f"{robots[0]} to {robots[-1]}",
         "Methods": ", ".join(evaluation.goals),
         "Solver": evaluation.solver,
+        "Reserve": "kept" if evaluation.reserve else "not kept",
         "Noise": ", ".join(evaluation.noise),
         "Seeds": f"{seeds}, where anything is random",
         "Runs": f"{len(data.rows)} of {len(data.runs)}",

@@ -71,7 +71,7 @@ def test_no_command_line_tells_a_goal_and_no_process_knows_that_of_another(seen)
     assert seen.given["1"]["UNSPOKEN_GOAL"] == "900.0,0.0,0.0"
     assert seen.given["2"]["UNSPOKEN_GOAL"] == "900.0,2.0,0.0"
     needed = {"ROBOT", "GOAL", "CONNECT", "RUN", "PASSWORD_FILE", "PARENT"}
-    choices = {"GOALS", "SOLVER", "ITERATIONS", "BUDGET_MS"}
+    choices = {"GOALS", "SOLVER", "ITERATIONS", "BUDGET_MS", "RESERVE"}
     for robot in ("1", "2"):
         told = {name.removeprefix("UNSPOKEN_") for name in seen.given[robot] if name.startswith("UNSPOKEN_")}
         assert needed <= told <= needed | choices, robot

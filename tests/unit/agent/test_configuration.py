@@ -47,16 +47,18 @@ def checked(monkeypatch):
     goal=st.builds(Goal, x_m=NUMBERS, y_m=NUMBERS, heading_rad=NUMBERS),
     robot=st.from_regex(r"\A[A-Za-z0-9][A-Za-z0-9_-]{0,31}\Z"),
     budget_ms=st.none() | st.floats(0.0, 1e9),
+    reserve=st.booleans(),
     keys=st.none() | st.just(Path("/a/b")),
 )
-def test_the_environment_of_a_process_says_exactly_its_options(goal, robot, budget_ms, keys):
+def test_the_environment_of_a_process_says_exactly_its_options(goal, robot, budget_ms, reserve, keys):
     found: list[RobotOptions] = []
 
     def note(options: RobotOptions) -> None:
         found.append(options)
 
     told = {"run": "hall", "goals": "ioc", "iterations": 3, "watch_port": 9100, "robots": 4}
-    options = RobotOptions(goal=goal, robot=robot, budget_ms=budget_ms, keys=keys, **told)
+    drawn = {"goal": goal, "robot": robot, "budget_ms": budget_ms, "reserve": reserve, "keys": keys}
+    options = RobotOptions(**told, **drawn)
     command = app_of(agent.__main__.with_options(environment=True)(note))
     environment = {f"UNSPOKEN_{name.upper()}": value for name, value in options.as_environment().items()}
     assert CliRunner().invoke(command, [], env=environment).exit_code == 0

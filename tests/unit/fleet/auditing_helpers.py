@@ -30,7 +30,12 @@ DIM = {"position_noise_m": 0.01, "heading_noise_rad": 0.01, "dropout": 0.2, "del
 
 
 def experiment_of(
-    folder: Path, goals: Any = "joint-fit", *, budget_ms: float | None = None, **rules: Any
+    folder: Path,
+    goals: Any = "joint-fit",
+    *,
+    budget_ms: float | None = None,
+    reserve: bool = True,
+    **rules: Any,
 ) -> Experiment:
     content = {
         "name": "meeting",
@@ -41,7 +46,8 @@ def experiment_of(
     }
     path = folder / "meeting.yaml"
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
-    return prepare(str(path), DecisionOptions(goals=goals, budget_ms=budget_ms), clock="virtual", seed=3)
+    decisions = DecisionOptions(goals=goals, budget_ms=budget_ms, reserve=reserve)
+    return prepare(str(path), decisions, clock="virtual", seed=3)
 
 
 def write(path: Path, experiment: Experiment, messages: Iterable[BusMessage]) -> Path:

@@ -44,6 +44,7 @@ STEP = 5
     ("goals", "rules"),
     [
         ("exchanged", {}),
+        ("constant-velocity", {"reserve": False}),
         ("ioc", {"sensing": DIM}),
         ("kalman-filter", {"robots": [MEETING[0], {**MEETING[1], "sensing": DIM}]}),
     ],

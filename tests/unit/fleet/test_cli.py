@@ -134,10 +134,10 @@ def test_a_simulation_keeps_which_solver_it_used_and_how(monkeypatch: pytest.Mon
 
     monkeypatch.setattr("agent.process.options.joint_solver", noted)
     path = scenario(ALONE, time_limit_s=0.1)
-    unspoken("simulate", path, "--iterations", 5, "--out", "out")
+    unspoken("simulate", path, "--iterations", 5, "--no-reserve", "--out", "out")
     assert given[-1] == ("realtime", 5)
     facts = read_recording(Path("out/run.mcap")).facts
-    assert (facts.solver, facts.iterations, facts.budget_ms) == ("realtime", 5, None)
+    assert (facts.solver, facts.iterations, facts.budget_ms, facts.reserve) == ("realtime", 5, None, False)
 
 
 @pytest.mark.parametrize("command", ["run", "simulate"])

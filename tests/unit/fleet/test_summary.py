@@ -52,6 +52,7 @@ def test_the_summary_counts_a_run_exactly() -> None:
         "solver": "reference",
         "iterations": 2,
         "budget_ms": None,
+        "reserve": True,
         "clock": "lockstep",
         "seed": 3,
         "verdict": "arrived",
@@ -79,6 +80,15 @@ def test_the_summary_counts_a_run_exactly() -> None:
     assert phases["plan"] == pytest.approx({"p50": 20.0, "p99": 39.6, "max": 40.0})
     assert phases["decide"] == pytest.approx({"p50": 18.0, "p99": 49.22, "max": 50.0})
     assert phases["predict"] == {"p50": None, "p99": None, "max": None}
+
+
+def test_a_run_without_reserve_says_so_and_who_does_not_say_had_it() -> None:
+    summary = summarise(CROSSING)
+    content = summary.model_dump(by_alias=True)
+    assert not any("reserve" in remark for remark in remarks(summary))
+    assert remarks(Summary(**content | {"reserve": False})) == ["All drove without reserve."]
+    del content["reserve"]
+    assert Summary(**content).reserve
 
 
 def test_what_was_refused_is_counted_by_robot_and_reason() -> None:
