@@ -191,8 +191,8 @@ Phase = Literal["predict", "plan"]
 
 Degradation = Literal["extrapolation", "gate", "controlled stop", "solver failure", "intervention"]
 """Why a robot does not drive as it would: it goes by where robots should be that it does not see; it has
-refused what no vehicle could have done; it stops until it sees enough; it could not solve a problem; or its
-last-resort monitor brakes."""
+refused what no vehicle could have done; it stops until it sees enough; it could not solve a problem; or the
+reserve or the last resort holds it back."""
 
 
 class Mind(Message):
@@ -216,7 +216,7 @@ class Mind(Message):
     degraded: Annotated[tuple[Degradation, ...], Field(max_length=8)] = ()
     """In which ways the robot is degraded at this step; empty: it is not."""
     interventions: Count = 0
-    """How often the last-resort collision monitor has begun to brake so far."""
+    """How often the reserve or the last resort has begun to hold the robot back so far."""
     cut_short_at: Count | None
     """At which question whether its time is over, counted from 0, it was; None: it had time enough."""
     timings_ms: Timings

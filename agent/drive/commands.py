@@ -162,12 +162,18 @@ class CommandHistory:
 
         Without a command the world brakes the robot: exactly what was driven, up to the noise in the speed.
         """
-        driven = command.input
+        driven = self._applied(command.input, speed_mps)
         for _ in range(min(step - command.step - 1, LONGEST_BRAKING_STEPS)):
-            after_mps = speed_after(self._limits, speed_mps, driven, self._step_s)
-            applied = Input(driven.turn_rate_radps, (after_mps - speed_mps) / self._step_s)
-            speed_mps, driven = after_mps, braking_input(self._limits, applied, after_mps, self._step_s)
+            speed_mps = speed_after(self._limits, speed_mps, driven, self._step_s)
+            driven = self._applied(braking_input(self._limits, driven, speed_mps, self._step_s), speed_mps)
         return driven
+
+    def _applied(self, wanted: Input, speed_mps: float) -> Input:
+        """What the world makes of an input at this speed: at its limit the speed stays."""
+        after_mps = speed_after(self._limits, speed_mps, wanted, self._step_s)
+        if after_mps == speed_mps + self._step_s * wanted.acceleration_mps2:
+            return wanted
+        return Input(wanted.turn_rate_radps, (after_mps - speed_mps) / self._step_s)
 
     def _is_same(self, one: Input, other: Input) -> bool:
         """Whether two inputs are equal, up to what is lost when they are recovered from poses."""

@@ -31,6 +31,8 @@ HALVINGS = 6
 """With which the part of a step is found that both of a pair may go on."""
 SIGMAS = 3.0
 """Noise of so many standard deviations is reckoned with."""
+CERTAIN = 0.25
+"""Part of the safety margin that is kept where both robots are seen exactly; otherwise all of it is."""
 EXCUSED = 0.5
 """Part of the safety margin by which a robot may cross a line before it is doubted."""
 
@@ -83,11 +85,11 @@ class Reserve:
             there = self._stretch(memory, other, memory.previous_input(other))
             if self._has_crossed(memory, other, there[0], accuracy):
                 self._crossed[other] = memory.step
-            least_m = self._scene.collision_distance_m(self._robot, other) + self._scene.safety_margin_m
-            kept_m = least_m + self._beside_m(memory, other, there)
-            if _could_meet(own, there, float(kept_m.max())):
-                seen = memory.unseen_steps(other) == 0
-                lines[other] = parted(*own, *there, kept_m, seen)
+            certain = memory.is_certain(self._robot) and memory.is_certain(other)
+            margin_m = (CERTAIN if certain else 1.0) * self._scene.safety_margin_m
+            least_m = self._scene.collision_distance_m(self._robot, other) + margin_m
+            seen = memory.unseen_steps(other) == 0
+            lines[other] = parted(*own, *there, least_m + self._beside_m(memory, other, there), seen)
         self._lines, self._drawn = lines, memory.step
 
     def doubted(self, memory: Memory) -> list[str]:
@@ -187,14 +189,6 @@ def braking_path(state: Array, previous: Input, limits: Limits, step_s: float) -
     contingency(state, np.array(previous), _as_array(limits, step_s), step_s, 0, path)
     moves = np.abs(np.diff(path, axis=0)).max(axis=1) > STANDS_M
     return path[: 2 + int(np.flatnonzero(moves).max(initial=0))]
-
-
-def _could_meet(own: tuple[Array, Array], there: tuple[Array, Array], least_m: float) -> bool:
-    """Whether stretches of two robots come near each other at all: a cheap test that lets no pair slip."""
-    reaches = [
-        max(float(np.linalg.norm(each - pair[0][0], axis=1).max()) for each in pair) for pair in (own, there)
-    ]
-    return math.dist(own[0][0], there[0][0]) <= 2.0 * sum(reaches) + 2.0 * least_m
 
 
 @kernel

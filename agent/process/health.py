@@ -111,7 +111,7 @@ class RobotHealth(VitalSigns):
         yield counter, "decisions", "Decisions since it joined its world.", mind.decision + 1
         failures = "Problems not solved since it joined its world."
         yield counter, "solver_failures", failures, mind.solver_failures
-        interventions = "How often the collision monitor has begun to brake since it joined its world."
+        interventions = "How often reserve or last resort held it back since it joined its world."
         yield counter, "interventions", interventions, mind.interventions
         if own := mind.estimates.get(self._robot):  # its own goal is the only one that it knows
             off_m = math.dist((own.x_m, own.y_m), (self._goal.x_m, self._goal.y_m))

@@ -237,6 +237,10 @@ class Memory:
         """σ of the position at which a robot was last seen."""
         return self._tracks[robot].sigma_m
 
+    def is_certain(self, robot: str) -> bool:
+        """Whether a robot's present state was seen, and without noise: then all others may see the same."""
+        return self.is_exact(robot) and not self.unseen_steps(robot)
+
     def is_exact(self, robot: str) -> bool:
         """Whether a robot was last seen without noise."""
         return self._tracks[robot].is_exact

@@ -90,7 +90,7 @@ class Planner:
             problem = among(others, {})
             alone = self._alone.drive({robot: among({}, {})})[robot]
             ways = {robot: alone.states[0, :, :2], **others}
-            sides = agreed_sides(self._scene, ways, {each: memory.sigma_m(each) for each in ways})
+            sides = agreed_sides(self._scene, ways, memory.sigma_m)
         problem = among(others, sides)
         start = expected or self._starts.start(problem, [robot], otherwise=as_if_alone)
         solution = solve_well(self._solver, problem, start, as_if_alone, self._deadline)

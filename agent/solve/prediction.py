@@ -2,16 +2,18 @@
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from agent.remember.memory import Memory
 from agent.solve import Deadline
-from agent.solve.problem import JointSolver, Start, joint_problem
+from agent.solve.problem import JointProblem, JointSolver, Solution, Start, joint_problem
 from agent.solve.sides import Sides, agreed_sides
-from agent.solve.starts import Alone, WarmStarts, cold_start, solve_well
+from agent.solve.starts import POOR, Alone, WarmStarts, openings_of, rank
 from agent.solve.vehicle import Array
 from protocol.scene import Scene
+from protocol.vehicle import Input
 
 PathModel = Callable[[Memory, str], Array]
 """Positions (K + 1, 2) of one robot at the present and the next K stages."""
@@ -35,7 +37,12 @@ class Prediction:
 
 
 class Predictor:
-    """Predicts all robots jointly, each time from the last prediction, and all on the sides agreed on."""
+    """Predicts all robots jointly, each time from the last prediction.
+
+    Where everybody sees everything exactly, all come to the same prediction, and so agree on who passes whom
+    on which side. Where they may see differently, all keep to the sides that all can see, unless these cannot
+    be kept together.
+    """
 
     def __init__(self, scene: Scene, solver: JointSolver, deadline: Deadline) -> None:
         self._scene = scene
@@ -46,28 +53,21 @@ class Predictor:
 
     def predict(self, memory: Memory, goals: Mapping[str, Array], parked: Collection[str]) -> Prediction:
         """Solve eq. 7 for all robots in memory; those known to be parked stay where they are."""
-        scene, present = self._scene, memory.present()
+        scene = self._scene
         stages = scene.horizons.prediction_steps + 1
         resting = {
             robot: np.tile(memory.state(robot)[:2], (stages, 1)) for robot in memory.robots if robot in parked
         }
         free = {robot: goals[robot] for robot in memory.robots if robot not in parked}
         inputs = {robot: memory.previous_input(robot) for robot in free}
-        alone = self._alone.drive(
-            {
-                robot: joint_problem(scene, present, {robot: goal}, {}, {robot: inputs[robot]})
-                for robot, goal in free.items()
-            }
-        )
-        ways = {robot: each.states[0, :, :2] for robot, each in alone.items()} | resting
-        sides = agreed_sides(scene, ways, {robot: memory.sigma_m(robot) for robot in ways})
-        problem = joint_problem(scene, present, free, resting, inputs, sides=sides)
-
-        def as_if_alone() -> Start:
-            return cold_start(problem, np.array([each.inputs[0] for each in alone.values()]))
-
-        start = self._starts.start(problem, list(free), otherwise=as_if_alone)
-        solution = solve_well(self._solver, problem, start, as_if_alone, self._deadline)
+        problem = joint_problem(scene, memory.present(), free, resting, inputs)
+        solution = self._solve(problem, list(free))
+        sides: Sides = {}
+        if not all(map(memory.is_certain, free)) and not self._deadline.has_passed():
+            sides = agreed_sides(scene, self._ways_alone(memory, free, inputs) | resting, memory.sigma_m)
+            problem = joint_problem(scene, memory.present(), free, resting, inputs, sides=sides)
+            kept = self._on_sides(problem, solution)
+            solution, sides = (solution, {}) if kept is None else (kept, sides)
         self._starts.keep(list(free), solution)
         moving = dict(zip(free, solution.states, strict=True))
         return Prediction(
@@ -78,6 +78,36 @@ class Predictor:
             sides=sides,
             solved=solution.solved,
         )
+
+    def _solve(self, problem: JointProblem, robots: list[str]) -> Solution:
+        """From the last solution; without one, the best from several openings, as time allows."""
+        openings = [
+            self._starts.start(problem, robots, otherwise=opening) for opening in openings_of(problem)
+        ]
+        found = self._solver.solve(problem, openings[0])
+        for start in openings[1:]:
+            if start.warm or self._deadline.has_passed():
+                break
+            found = min(found, self._solver.solve(problem, start), key=partial(rank, problem))
+        return found
+
+    def _ways_alone(
+        self, memory: Memory, goals: Mapping[str, Array], inputs: Mapping[str, Input]
+    ) -> dict[str, Array]:
+        """The positions (K + 1, 2) of each robot as if it were alone."""
+        present = memory.present()
+        own = {
+            robot: joint_problem(self._scene, present, {robot: goal}, {}, {robot: inputs[robot]})
+            for robot, goal in goals.items()
+        }
+        return {robot: solution.states[0, :, :2] for robot, solution in self._alone.drive(own).items()}
+
+    def _on_sides(self, problem: JointProblem, solution: Solution) -> Solution | None:
+        """A solution of the problem with sides: the given one, or one near it; None if none is found."""
+        if problem.violation_m(solution.states) <= POOR * problem.size_m:
+            return solution
+        found = self._solver.solve(problem, solution.start())
+        return found if found.solved and found.violation_m <= POOR * problem.size_m else None
 
 
 class IndependentPredictor:

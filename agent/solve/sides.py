@@ -8,7 +8,7 @@ Nothing is remembered. Who takes the wrong side at first sees the miss shrink un
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import combinations
 
 import numpy as np
@@ -25,7 +25,7 @@ Sides = Mapping[tuple[str, str], float]
 """Of pairs, in both orders: 1.0 where the way from the one to the other turns anticlockwise, else −1.0."""
 
 
-def agreed_sides(scene: Scene, ways: Mapping[str, Array], sigmas_m: Mapping[str, float]) -> Sides:
+def agreed_sides(scene: Scene, ways: Mapping[str, Array], sigma_m: Callable[[str], float]) -> Sides:
     """The sides of all pairs that would come too close.
 
     A miss within the noise of both, or within the margin that is kept beyond their bodies, tells no side:
@@ -34,12 +34,12 @@ def agreed_sides(scene: Scene, ways: Mapping[str, Array], sigmas_m: Mapping[str,
     Args:
         scene: the distances to keep.
         ways: positions (K + 1, 2) of each robot if it were alone.
-        sigmas_m: standard deviations of where they are seen.
+        sigma_m: standard deviation of where a robot is seen.
     """
     sides = {}
     for one, other in combinations(ways, 2):
         safety_m, margin_m = scene.safety_distance_m(one, other), 2.0 * scene.safety_margin_m
-        doubt_m = margin_m + SIGMAS * math.hypot(sigmas_m[one], sigmas_m[other])
+        doubt_m = margin_m + SIGMAS * math.hypot(sigma_m(one), sigma_m(other))
         side = side_of(ways[other] - ways[one], safety_m, doubt_m)
         if side:
             sides[one, other] = sides[other, one] = side

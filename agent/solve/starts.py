@@ -1,6 +1,7 @@
 """Where a solution starts: from the last one, or from what each robot would do if it were alone."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from agent.solve.problem import (
     Solution,
     Start,
     braking_inputs,
+    within_limits,
 )
 from agent.solve.vehicle import Array
 
@@ -20,6 +22,8 @@ POOR = 0.1
 on the wrong side."""
 AWAY = 0.4
 """In safety distances: a robot that is no further from its goal is nearly there."""
+LEANING_STEPS = 4
+"""So many steps of the highest change lead to the turn rate of a leaning start: 0.2 rad/s by default."""
 STANDS = 0.015
 """In safety distances: a robot that goes no further in the last third of the horizon stands."""
 
@@ -41,10 +45,11 @@ def solve_well(
     poor = not found.solved or found.violation_m > POOR * problem.size_m or is_deadlock(problem, found)
     if not poor or deadline.has_passed():
         return found
-    return min(found, solver.solve(problem, other_start()), key=lambda each: _rank(problem, each))
+    return min(found, solver.solve(problem, other_start()), key=partial(rank, problem))
 
 
-def _rank(problem: JointProblem, solution: Solution) -> tuple[bool, bool, float]:
+def rank(problem: JointProblem, solution: Solution) -> tuple[bool, bool, float]:
+    """By which the least of several solutions is the best one."""
     cost = solution.objective + problem.price_per_m * solution.violation_m
     return not solution.solved, is_deadlock(problem, solution), cost
 
@@ -65,6 +70,25 @@ def cold_start(problem: JointProblem, inputs: Array | None = None) -> Start:
     robots, steps = inputs.shape[:2]
     forces, multipliers = np.zeros((robots, steps + 1, 2)), np.zeros((robots, steps, LIMITED_QUANTITIES))
     return Start(inputs, forces, multipliers, warm=False)
+
+
+def openings_of(problem: JointProblem) -> list[Callable[[], Start]]:
+    """Starts for when no last solution is known, in order of preference.
+
+    Everybody brakes to a standstill while leaning to its left; to its right; in turn to its left and right;
+    not at all. When all robots lean to the same side, standing ones stay clear of one another, and a
+    symmetrical crossing begins as a roundabout instead of a deadlock.
+    """
+    left = np.ones(len(problem.states))
+    alternating = np.where(np.arange(len(left)) % 2, -left, left)
+    return [partial(_leaning, problem, sides) for sides in (left, -left, alternating, 0.0 * left)]
+
+
+def _leaning(problem: JointProblem, sides: Array) -> Start:
+    """All brake and turn, at a rate that a few steps lead to, to their sides (M,)."""
+    inputs = braking_inputs(problem)
+    inputs[:, :, 0] += LEANING_STEPS * problem.rate_bounds[:, :1] * sides[:, None]
+    return cold_start(problem, within_limits(problem, inputs))
 
 
 class WarmStarts:

@@ -80,7 +80,7 @@ class Row(Record):
     """Thread CPU time of the whole run, world included."""
     wall_s: float | None = None
     interventions: int | None = None
-    """How often last-resort collision monitors have begun to brake."""
+    """How often the reserve or the last resort has begun to hold a robot back, over all robots."""
     side_disagreement: float | None = None
     """Share of the next in which two robots predict to pass on different sides; None where it is zero."""
     side_pair_steps: int | None = None

@@ -18,7 +18,7 @@ from protocol.scenario import as_tuple
 
 BUNDLED = Path(__file__).with_name("suite.yaml")
 BEFORE_ALLOWED = frozenset({"intervention"})
-"""A collision monitor may err; nothing else is amiss as long as nothing is broken."""
+"""The reserve may hold a robot back; nothing else is amiss as long as nothing is broken."""
 
 CaseName = Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
 

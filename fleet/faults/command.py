@@ -162,7 +162,7 @@ def _made(trials: Sequence[Trial], workers: int, processes: bool, errors: Consol
 
 
 def _table(outcomes: Sequence[Outcome]) -> Table:
-    """One line a case: in how many trials everything held, how they ended, and how often monitors braked."""
+    """One line a case: in how many trials all held, how they ended, and how often robots were held back."""
     headers = "Case|Trials|Hold|All\narrived|With a\ncollision|Inter-\nventions|Median\nin s"
     table = new_table("Trials of faults", *headers.split("|"))
     for case in [*dict.fromkeys(each.case for each in outcomes), "all"]:

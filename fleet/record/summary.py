@@ -78,7 +78,7 @@ class Summary(Record):
     refused: dict[str, dict[str, int]]
     """Messages that were not taken, by robot and reason; reasons of minds begin with ``mind:``."""
     interventions: int = 0
-    """How often last-resort collision monitors have begun to brake."""
+    """How often the reserve or the last resort has begun to hold a robot back, over all robots."""
     degraded: dict[str, dict[str, float]] = Field(default_factory=dict)
     """In which ways robots were degraded and for how long, in s; only those that were."""
     restarts: dict[str, int] = Field(default_factory=dict)

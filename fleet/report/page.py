@@ -279,7 +279,7 @@ def endings(level: Level, planned: Mapping[str, int]) -> Table:
 
 
 def encounters(level: Level) -> Table:
-    """How near robots came in each run, whether the minds of pairs agreed, and how often monitors braked."""
+    """How near robots came in each run, whether minds of pairs agreed, how often robots were held back."""
     rows = {}
     for method in level.methods:
         runs = level.runs[level.runs["method"] == method]
