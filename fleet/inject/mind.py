@@ -148,6 +148,7 @@ class Infeasible(SolverFault):
             problem,
             obstacles=np.concatenate([problem.obstacles, there]),
             safety_distances=np.column_stack([problem.safety_distances, problem.safety_distances[:, 0]]),
+            sides=np.column_stack([problem.sides, np.zeros(len(problem.sides))]),
         )
 
 

@@ -10,7 +10,16 @@ import numpy as np
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from agent.drive.reserve import EXCUSED, SIGMAS, Reserve, braking_path, braking_steps, contingency, parted
+from agent.drive.reserve import (
+    CERTAIN,
+    EXCUSED,
+    SIGMAS,
+    Reserve,
+    braking_path,
+    braking_steps,
+    contingency,
+    parted,
+)
 from agent.remember.memory import Memory
 from agent.solve.vehicle import Array
 from protocol.messages import Accuracy, Command
@@ -110,7 +119,7 @@ class Company:
             self.robots[name] = Robot(memory, Reserve(self.scene, name))
 
     def least_m(self, one: str, other: str) -> float:
-        return self.scene.collision_distance_m(one, other) + self.scene.safety_margin_m
+        return self.scene.collision_distance_m(one, other) + CERTAIN * self.scene.safety_margin_m
 
     def part(self, angles: Iterable[float], more: float) -> None:
         """Move each away from those before it, in a direction, until all contingencies are apart.

@@ -104,7 +104,8 @@ def test_without_time_decisions_are_cut_short_at_once_where_they_would_go_on() -
     driven = drive(first("no-time", duration_s=0.5))
     cut = [mind.cut_short_at for mind in minds(driven)]
     assert cut[:SOON] == [None] * SOON
-    assert set(cut[SOON : SOON + 5]) == {None, 0}  # None: one iteration was enough
+    assert 0 in cut[SOON : SOON + 5]
+    assert set(cut[SOON:]) <= {None, 0}  # None: one iteration was enough
     assert cut[SOON + 5 :] == [None] * (len(cut) - SOON - 5)
     assert driven[-1].truth.verdict == "arrived"
 

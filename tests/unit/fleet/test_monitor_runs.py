@@ -1,11 +1,11 @@
-"""The last-resort monitor in whole runs: what it prevents, and that those who agree do not need it."""
+"""Reserve and last resort in whole runs: what they prevent, and how little those who agree need them."""
 
 from typing import Any
 
 import pytest
-from faults_helpers import facts, fault, run, scenario
+from faults_helpers import facts, fault, parsed, run, scenario
 
-from agent.drive.safety import CollisionMonitor
+from agent.drive.reserve import Reserve
 from fleet.run.virtual import Step
 from protocol.scenario import load_scenario
 from scenarios import find
@@ -17,10 +17,10 @@ MEETING: list[dict[str, Any]] = [
 """They agree that robot 2 passes before robot 1."""
 
 
-def stopping_in_the_way() -> list[Step]:
+def stopping_in_the_way(**how: Any) -> list[Step]:
     """Robot 2 brakes for good where robot 1 relies on it to be gone."""
     stops = fault("stops", robots=["2"], start_s=0.9)
-    return list(run(scenario(stops, robots=MEETING, time_limit_s=4.0), facts(goals="exchanged")))
+    return list(run(scenario(stops, robots=MEETING, time_limit_s=4.0), facts(goals="exchanged", **how)))
 
 
 def interventions(driven: list[Step]) -> dict[str, int]:
@@ -30,24 +30,41 @@ def interventions(driven: list[Step]) -> dict[str, int]:
     return counts
 
 
-def test_it_prevents_the_collision_with_a_robot_that_stops_in_the_way() -> None:
+def test_the_collision_with_a_robot_that_stops_in_the_way_is_prevented_by_the_reserve() -> None:
+    """Who stops obeys: it brakes along its contingency, with which everybody reckons."""
     driven = stopping_in_the_way()
     assert driven[-1].truth.collisions == ()
-    assert interventions(driven)["1"] == 1
+    assert interventions(driven)["1"] >= 1
+    without = stopping_in_the_way(reserve=False)
+    assert without[-1].truth.collisions == (("1", "2"),)
+    assert interventions(without)["1"] == 0
 
 
-def test_switched_off_it_prevents_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(CollisionMonitor, "must_brake", lambda *_: False)
-    driven = stopping_in_the_way()
-    assert driven[-1].truth.collisions == (("1", "2"),)
-    assert interventions(driven)["1"] == 0
-
-
-def test_robots_that_agree_pass_one_another_closely_without_it() -> None:
+def test_robots_that_agree_pass_one_another_closely_and_are_hardly_held_back() -> None:
     crossing = load_scenario(find("4-crossing")).model_copy(update={"time_limit_s": 6.0})
     driven = list(run(crossing, facts(goals="exchanged")))
     least_m, collision_m = driven[-1].truth.minimum_distance_m, 2.0 * crossing.robots[0].radius_m
     assert least_m is not None
     assert collision_m < least_m < collision_m + 2.5 * crossing.safety_margin_m, "they do meet"
-    assert set(interventions(driven).values()) == {0}
-    assert not any(decision.mind.degraded for step in driven for decision in step.decisions.values())
+    assert max(interventions(driven).values()) <= 1
+    held_back = [robot for step in driven for robot, each in step.decisions.items() if each.mind.degraded]
+    assert len(held_back) <= 2 * len(crossing.robots), "for a step or two"
+
+
+def test_who_gives_no_way_where_its_line_asks_for_it_is_doubted_and_braked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    crossing = load_scenario(find("2-crossing"))
+    faults = parsed(fault("ignores", robots=["1"]))
+    ignoring = crossing.model_copy(update={"faults": faults, "time_limit_s": 4.0})
+    doubts: list[list[str]] = []
+    doubted = Reserve.doubted
+
+    def noting(self: Reserve, memory: Any) -> list[str]:
+        doubts.append(doubted(self, memory))
+        return doubts[-1]
+
+    monkeypatch.setattr(Reserve, "doubted", noting)
+    driven = list(run(ignoring, facts()))
+    assert ["1"] in doubts
+    assert driven[-1].truth.collisions == ()
