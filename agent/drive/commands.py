@@ -94,7 +94,7 @@ class Driver:
                 return braking_input(
                     self._limits, previous, float(memory.state(self._robot)[3]), self._step_s
                 )
-        return self._reserve.nearest_allowed(memory, wanted, previous, apart_from=doubted)
+        return self._reserve.nearest_allowed(memory, wanted, previous)
 
 
 def planned_input(plan: Plan, limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:

@@ -12,7 +12,6 @@ when it began to brake; lines then lie on this side of all that it may do.
 """
 
 import math
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -100,14 +99,9 @@ class Reserve:
             if memory.step - self._crossed.get(robot, -self._steps - 1) <= self._steps
         ]
 
-    def nearest_allowed(
-        self, memory: Memory, wanted: Input, previous: Input, apart_from: Iterable[str] = ()
-    ) -> Input:
-        """The wanted input, or else the allowed one that is nearest to it; after the previous input.
-
-        Those of ``apart_from`` are not reckoned with.
-        """
-        lines = [each for other, each in self._lines.items() if other not in set(apart_from)]
+    def nearest_allowed(self, memory: Memory, wanted: Input, previous: Input) -> Input:
+        """The wanted input, or else the allowed one that is nearest to it; after the previous input."""
+        lines = list(self._lines.values())
         if not lines:
             return wanted
         normal, own = np.array([each.normal for each in lines]), np.array([each.own for each in lines])

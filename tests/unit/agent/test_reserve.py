@@ -290,7 +290,6 @@ def test_what_is_wanted_is_driven_where_allowed_and_else_something_that_is(compa
         assert found == wanted
     if beyond(wanted) > ROUNDING:
         assert found != wanted
-    assert reserve.nearest_allowed(memory, wanted, vehicle.applied, apart_from="b") == wanted
 
 
 def away_m(points: Array, begin: Array, end: Array) -> Array:
