@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from agent.remember.memory import Memory
 from agent.solve import Deadline
 from agent.solve.problem import JointProblem, JointSolver, Solution, Start, joint_problem
 from agent.solve.sides import Sides, agreed_sides
-from agent.solve.starts import POOR, Alone, WarmStarts, openings_of, rank
+from agent.solve.starts import ALIKE, POOR, Alone, WarmStarts, openings_of, rank
 from agent.solve.vehicle import Array
 from protocol.scene import Scene
 from protocol.vehicle import Input
@@ -88,7 +87,9 @@ class Predictor:
         for start in openings[1:]:
             if start.warm or self._deadline.has_passed():
                 break
-            found = min(found, self._solver.solve(problem, start), key=partial(rank, problem))
+            other = self._solver.solve(problem, start)
+            if rank(problem, other, ALIKE) < rank(problem, found):
+                found = other
         return found
 
     def _ways_alone(

@@ -22,6 +22,9 @@ POOR = 0.1
 on the wrong side."""
 AWAY = 0.4
 """In safety distances: a robot that is no further from its goal is nearly there."""
+ALIKE = 1e-3
+"""Costs that differ by no more than this part are equal, and of their solutions the earlier one counts: in a
+symmetrical crossing they differ by what iterations and rounding leave, and another processor rounds otherwise."""
 LEANING_STEPS = 4
 """So many steps of the highest change lead to the turn rate of a leaning start: 0.2 rad/s by default."""
 STANDS = 0.015
@@ -48,10 +51,10 @@ def solve_well(
     return min(found, solver.solve(problem, other_start()), key=partial(rank, problem))
 
 
-def rank(problem: JointProblem, solution: Solution) -> tuple[bool, bool, float]:
-    """By which the least of several solutions is the best one."""
+def rank(problem: JointProblem, solution: Solution, handicap: float = 0.0) -> tuple[bool, bool, float]:
+    """By which the least of several solutions is the best one, its cost raised by a part of it."""
     cost = solution.objective + problem.price_per_m * solution.violation_m
-    return not solution.solved, is_deadlock(problem, solution), cost
+    return not solution.solved, is_deadlock(problem, solution), (1.0 + handicap) * cost
 
 
 def is_deadlock(problem: JointProblem, solution: Solution) -> bool:

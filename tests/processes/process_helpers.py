@@ -33,8 +33,8 @@ PATIENCE_S = 240.0
 UNSPOKEN = Path(sys.executable).with_name("unspoken")
 SHORT_SIGHTED = {"prediction_steps": 5, "estimation_steps": 3}
 """Horizons that make decisions cheap, for tests that are not about driving."""
-FAR_SIGHTED = {"prediction_steps": 12, "estimation_steps": 3}
-"""Horizons with which a robot alone in its lane stops at its goal."""
+FAR_SIGHTED = {"prediction_steps": 20, "estimation_steps": 3}
+"""Horizons with which a robot alone in its lane stops at its goal, and with which nobody is warned of any."""
 DEFAULT_LIMITS = Limits()
 
 
