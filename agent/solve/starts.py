@@ -24,7 +24,7 @@ AWAY = 0.4
 """In safety distances: a robot that is no further from its goal is nearly there."""
 ALIKE = 1e-3
 """Costs that differ by no more than this part are equal, and of their solutions the earlier one counts: in a
-symmetrical crossing they differ by what iterations and rounding leave, and another processor rounds otherwise."""
+symmetrical crossing they differ by what iterations and rounding leave, and processors round differently."""
 LEANING_STEPS = 4
 """So many steps of the highest change lead to the turn rate of a leaning start: 0.2 rad/s by default."""
 STANDS = 0.015
