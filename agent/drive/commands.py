@@ -49,7 +49,8 @@ class Driver:
 
         Where the plan is not to be followed, the thought is told why.
         """
-        self._reserve.update(memory, previous, observation.accuracy)
+        if self._keeps_reserve:
+            self._reserve.update(memory, previous, observation.accuracy)
         is_blind = self._vigilance.look(memory, observation.age_steps)
         speed_mps = float(memory.state(self._robot)[3])
         driven, thought.emergency = self._input(memory, previous, speed_mps, thought, is_blind)
@@ -81,19 +82,19 @@ class Driver:
             wanted = planned_input(plan, limits, previous, speed_mps, step_s)
         else:
             wanted, failure = failure_input(limits, previous, speed_mps, step_s), "solver failure"
-        driven = self._held_back(memory, plan, wanted, previous) if self._keeps_reserve else wanted
+        driven = self._held_back(memory, plan, wanted, previous, braking) if self._keeps_reserve else wanted
         return driven, failure or (None if driven == wanted else "intervention")
 
-    def _held_back(self, memory: Memory, plan: Plan | None, wanted: Input, previous: Input) -> Input:
-        """What of a wanted input is driven."""
+    def _held_back(
+        self, memory: Memory, plan: Plan | None, wanted: Input, previous: Input, braking: Input
+    ) -> Input:
+        """What is driven: the wanted input, an allowed one near it, or braking."""
         doubted = self._reserve.doubted(memory)
         if doubted and plan is not None:
             at_once = self._reserve.braking(memory, self._robot, previous, 0)
             later = self._reserve.braking(memory, self._robot, wanted, 1)
             if self._last_resort.must_brake(memory, doubted, plan, at_once, later):
-                return braking_input(
-                    self._limits, previous, float(memory.state(self._robot)[3]), self._step_s
-                )
+                return braking
         return self._reserve.nearest_allowed(memory, wanted, previous)
 
 

@@ -34,7 +34,6 @@ CERTAIN = 0.25
 """Part of the safety margin that is kept where both robots are seen exactly; otherwise all of it is."""
 EXCUSED = 0.5
 """Part of the safety margin by which a robot may cross a line before it is doubted."""
-
 STANDS_M = 1e-9
 """Who moves by no more in a step stands: what rounding leaves of a speed."""
 
@@ -53,11 +52,7 @@ class Lines(NamedTuple):
 
 
 class Reserve:
-    """Keeps one robot to its side of all lines, and watches whether the others keep to theirs.
-
-    Attributes:
-        interventions: how often it has begun to hold the robot back so far.
-    """
+    """Keeps one robot to its side of all lines, and watches whether the others keep to theirs."""
 
     def __init__(self, scene: Scene, robot: str) -> None:
         self._scene = scene

@@ -80,14 +80,13 @@ class Predictor:
 
     def _solve(self, problem: JointProblem, robots: list[str]) -> Solution:
         """From the last solution; without one, the best from several openings, as time allows."""
-        openings = [
-            self._starts.start(problem, robots, otherwise=opening) for opening in openings_of(problem)
-        ]
-        found = self._solver.solve(problem, openings[0])
-        for start in openings[1:]:
-            if start.warm or self._deadline.has_passed():
+        first, *others = openings_of(problem)
+        start = self._starts.start(problem, robots, otherwise=first)
+        found = self._solver.solve(problem, start)
+        for opening in () if start.warm else others:
+            if self._deadline.has_passed():
                 break
-            other = self._solver.solve(problem, start)
+            other = self._solver.solve(problem, self._starts.start(problem, robots, otherwise=opening))
             if rank(problem, other, ALIKE) < rank(problem, found):
                 found = other
         return found

@@ -6,7 +6,6 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,7 +20,7 @@ from fleet.faults.cases import Case, Evidence, lost_steps, violations
 from fleet.inject.process_faults import Kill
 from fleet.inject.scenario import Scenario
 from fleet.interruption import Interruption
-from fleet.record.experiment import VIRTUAL, RunFacts
+from fleet.record.experiment import RunFacts
 from fleet.record.recording import read_recording
 from fleet.run.virtual import closed_loop
 from fleet.scenarios.suite import FAMILIES
@@ -97,16 +96,7 @@ def in_virtual_time(trial: Trial) -> Outcome:
     """Make a trial; an exception on the way is a violation."""
     begin_s = time.perf_counter()
     evidence, scenario = Evidence(), trial.scenario()
-    facts = RunFacts(
-        scenario=scenario.name,
-        goals=trial.goals,
-        solver="realtime",
-        clock=VIRTUAL,
-        seed=trial.seed,
-        faults=len(scenario.faults),
-        run="trial",
-        version=version("unspoken"),
-    )
+    facts = RunFacts.in_virtual_time(scenario, trial.goals, trial.seed, "trial")
     try:
         make_ready(trial.goals, "realtime")
         for step in closed_loop(scenario, facts, time.thread_time):

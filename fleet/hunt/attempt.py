@@ -3,14 +3,13 @@
 import math
 import time
 from collections.abc import Sequence
-from importlib.metadata import version
 from typing import Literal, NamedTuple
 
 from agent.estimate import GoalsName
 from chassis.files import Record
 from fleet.evaluate.running import described, make_ready
 from fleet.inject.scenario import Scenario
-from fleet.record.experiment import VIRTUAL, RunFacts
+from fleet.record.experiment import RunFacts
 from fleet.record.summary import Summary, Tally
 from fleet.run.virtual import EPOCH, closed_loop
 from protocol.messages import PublicScene, Truth
@@ -121,16 +120,7 @@ def _total_s(arrivals_s: Sequence[float | None], limit_s: float) -> float:
 
 def _driven(tried: Attempt, scenario: Scenario) -> tuple[Summary, float]:
     """The summary of a run, and the longest time in s for which a robot stood before it had arrived."""
-    facts = RunFacts(
-        scenario=scenario.name,
-        goals=tried.goals,
-        solver="realtime",
-        clock=VIRTUAL,
-        seed=tried.seed,
-        faults=len(scenario.faults),
-        run="hunt",
-        version=version("unspoken"),
-    )
+    facts = RunFacts.in_virtual_time(scenario, tried.goals, tried.seed, "hunt")
     tally, standstills = Tally(), Standstills(scenario)
     tally.add(PublicScene(epoch=EPOCH, scene=scenario.scene(with_goals=False)))
     for step in closed_loop(scenario, facts, time.thread_time):

@@ -4,8 +4,9 @@ import secrets
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Final
+from typing import Final, Self
 
+from agent.estimate import GoalsName
 from agent.process.options import DecisionOptions
 from fleet.inject.scenario import Scenario, load_scenario, with_faults
 from protocol.keys import Name
@@ -41,6 +42,19 @@ class RunFacts(DecisionOptions):
     def goals_are_exchanged(self) -> bool:
         """Whether the scene holds the goals."""
         return self.goals == SHARING
+
+    @classmethod
+    def in_virtual_time(cls, scenario: Scenario, goals: GoalsName, seed: int, run: str) -> Self:
+        """Of a run that is made to be judged, with all other choices as they are unless told otherwise."""
+        return cls(
+            scenario=scenario.name,
+            goals=goals,
+            clock=VIRTUAL,
+            seed=seed,
+            faults=len(scenario.faults),
+            run=run,
+            version=version("unspoken"),
+        )
 
 
 @dataclass(frozen=True)
