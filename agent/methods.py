@@ -35,7 +35,7 @@ def method_of(name: GoalsName, scene: Scene, robot: str, solver: JointSolver, de
         ValueError: the estimator needs something that the scene does not hold.
         ModuleNotFoundError: ORCA's library is not installed.
     """
-    planner = Planner(scene, robot, solver, deadline, arrives_quickly=name == DEFAULT_GOALS)
+    planner = Planner(scene, robot, solver, deadline, arrives_early=name == DEFAULT_GOALS)
     if name in ESTIMATORS:
         estimator, predictor = ESTIMATORS[name](scene), Predictor(scene, solver, deadline)
         joint_or_own = JointPlan(robot) if estimator.goals_are_shared else planner

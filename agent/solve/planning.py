@@ -1,22 +1,22 @@
 """Plan: the ego's own problem with its true goal, the others moving as predicted (eq. 1)."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from agent.remember.memory import Memory
 from agent.solve import Deadline
+from agent.solve.arrival import arrival_weights, manoeuvres, rests_beside, stages_away
 from agent.solve.prediction import Prediction
 from agent.solve.problem import JointProblem, JointSolver, Solution, Start, joint_problem
 from agent.solve.sides import Sides, agreed_sides
-from agent.solve.starts import Alone, WarmStarts, cold_start, solve_well
+from agent.solve.starts import POOR, Alone, WarmStarts, cold_start, is_deadlock, solve_well
 from agent.solve.vehicle import Array
+from agent.solve.yielding import Yielding
 from protocol.scene import Scene
-from protocol.vehicle import Input, Limits
+from protocol.vehicle import Input
 
-EVENLY = 0.7
-"""Part of the highest deceleration at which a robot brakes on average: the rest goes into changing it."""
 
 
 @dataclass(frozen=True)
@@ -41,42 +41,47 @@ class JointPlan:
 
 
 class Planner:
-    """Plans for one robot.
+    """Plans for one robot, by eq. 1 or to arrive early.
 
-    Each plan starts from the self-prediction, so that the ego passes the others where they expect it. Where
-    there is none, it starts from the last plan, one step on. A plan that violates a distance, or stands
-    before somebody for good, is compared with one that starts from what the ego would do if it were alone.
+    By eq. 1, each plan starts from the self-prediction, so that the ego passes the others where they expect
+    it, or else from the last plan, one step on. To arrive early, it starts from the last plan, whose weights it
+    needs, and from the self-prediction where nothing good comes of that. A plan that is still poor is compared
+    with one that starts from what the ego would do if it were alone.
 
     Args:
         scene: what everybody may know.
         robot: the ego.
         solver: of trajectory problems.
         deadline: after it nothing is improved.
-        arrives_quickly: whether to use :func:`arrival_weight` instead of the scene's weight of the speed. The
-            others cannot know, so they go on predicting by the scene's.
+        arrives_early: whether to plan by :mod:`agent.solve.arrival` instead of eq. 1. The others cannot know,
+            so they go on predicting by eq. 7.
     """
 
     def __init__(
-        self, scene: Scene, robot: str, solver: JointSolver, deadline: Deadline, *, arrives_quickly: bool
+        self, scene: Scene, robot: str, solver: JointSolver, deadline: Deadline, *, arrives_early: bool
     ) -> None:
         self._scene = scene
         self._robot = robot
         self._solver = solver
         self._deadline = deadline
-        self._arrives_quickly = arrives_quickly
+        self._arrives_early = arrives_early
         self._starts = WarmStarts()
         self._alone = Alone(solver)
+        self._last: Array | None = None
+        self._yielding = Yielding(scene, robot)
 
     def plan(self, memory: Memory, goal: Array, previous: Input, prediction: Prediction) -> Plan:
-        """Solve eq. 1 for the ego, among the predicted paths of all others."""
+        """Solve for the ego, among the predicted paths of all others."""
+        true_goal = goal
+        if self._arrives_early:
+            goal = self._yielding.destination(memory, goal)
         robot, present = self._robot, memory.present()
         others = {other: path for other, path in prediction.paths.items() if other != robot}
         cautions_m = {other: memory.caution_m(other) for other in others}
 
         def among(paths: Mapping[str, Array], sides: Sides) -> JointProblem:
             inputs = {robot: previous}
-            problem = joint_problem(self._scene, present, {robot: goal}, paths, inputs, cautions_m, sides)
-            return self._weighted(problem)
+            return joint_problem(self._scene, present, {robot: goal}, paths, inputs, cautions_m, sides)
 
         alone: Solution | None = None
 
@@ -92,35 +97,56 @@ class Planner:
             ways = {robot: alone.states[0, :, :2], **others}
             sides = agreed_sides(self._scene, ways, memory.sigma_m)
         problem = among(others, sides)
-        start = expected or self._starts.start(problem, [robot], otherwise=as_if_alone)
-        solution = solve_well(self._solver, problem, start, as_if_alone, self._deadline)
+        if self._arrives_early:
+            solution = self._early(problem, expected, as_if_alone)
+            held = goal is true_goal and (is_deadlock(problem, solution) or rests_beside(problem, solution, self._scene.arrival_tolerance))
+            self._yielding.judge(memory, held)
+        else:
+            start = expected or self._starts.start(problem, [robot], otherwise=as_if_alone)
+            solution = solve_well(self._solver, problem, start, as_if_alone, self._deadline)
         self._starts.keep([robot], solution)
         return Plan(solution.inputs[0], solution.states[0], solution.solved)
 
-    def _weighted(self, problem: JointProblem) -> JointProblem:
-        """The problem with the weights of the ego's own plan."""
-        if not self._arrives_quickly:
-            return problem
-        way_m = float(np.hypot(*(problem.goals[0, :2] - problem.states[0, :2])))
-        weights = problem.weights.copy()
-        weights[3] = min(
-            weights[3], arrival_weight(weights[:2].max(), way_m, problem.limits[0], problem.step_s)
-        )
-        return replace(problem, weights=weights)
+    def _early(
+        self, problem: JointProblem, expected: Start | None, as_if_alone: Callable[[], Start]
+    ) -> Solution:
+        """A plan that is at its goal as early as can be."""
+        goal, tolerance = problem.goals[0], self._scene.arrival_tolerance
 
+        def solved(start: Start, known: Array) -> Solution:
+            weights = arrival_weights(problem.weights, known, goal, 0.5 * tolerance)
+            return self._solver.solve(replace(problem, weights=weights), start)
 
-def arrival_weight(position_weight: float, way_m: float, limits: Limits, step_s: float) -> float:
-    """The weight of the speed with which a robot brakes evenly for its goal.
+        def cost(solution: Solution) -> tuple[bool, bool, float]:
+            away = np.linalg.norm(solution.states[0] - goal, axis=1) > tolerance
+            excess = solution.violation_m / problem.size_m
+            count = float(away.sum()) + problem.steps * excess
+            return not solution.solved, excess > POOR, count + 1e-3 * stages_away(solution.states[0], goal, 0.5 * tolerance)
 
-    The cost q p² + r v² leads to v = p/τ with τ² = r/q: the nearer the goal, the more gently a robot drives.
-    Braking evenly, by as much as limits of acceleration and jerk allow on average, it comes from p to a stand
-    at p with v² = 2 a p; so at that way τ² = p/2a. A time constant below a step has no meaning.
+        def is_poor(solution: Solution) -> bool:
+            return not solution.solved or solution.violation_m > POOR * problem.size_m
 
-    Args:
-        position_weight: q.
-        way_m: p.
-        limits: the robot's; half its time to brake at full goes into changing the acceleration.
-        step_s: Δt.
-    """
-    evenly_mps2 = EVENLY * limits.acceleration_mps2
-    return position_weight * max(way_m / (2.0 * evenly_mps2), step_s**2)
+        other = expected or as_if_alone()
+        start = self._starts.start(problem, [self._robot], otherwise=lambda: other)
+        known = self._last
+        if known is None or not start.warm:
+            known = problem.rollout(start.inputs)[0]
+        found = solved(start, known)
+        if start.warm and (is_poor(found) or is_deadlock(problem, found)) and not self._deadline.has_passed():
+            for make in (lambda: other, as_if_alone):
+                begin = make()
+                found = min(found, solved(begin, problem.rollout(begin.inputs)[0]), key=cost)
+                if not is_poor(found) and not is_deadlock(problem, found):
+                    break
+        if rests_beside(problem, found, tolerance):
+            for make in manoeuvres(problem):
+                if self._deadline.has_passed():
+                    break
+                begin = make()
+                known = problem.rollout(begin.inputs)[0]
+                known[-1 - problem.steps // 4 :] = goal
+                candidate = solved(begin, known)
+                candidate = solved(candidate.start(), candidate.states[0])
+                found = min(found, candidate, key=cost)
+        self._last = np.concatenate([found.states[0, 1:], found.states[0, -1:]]) if found.solved else None
+        return found

@@ -55,7 +55,7 @@ class JointProblem:
     area: Array
     """Lower and upper corner of the drivable rectangle, shape (2, 2)."""
     weights: Array
-    """Diagonal of Q, shape (4,)."""
+    """Diagonal of Q at each stage, shape (K + 1, 4)."""
     steps: int
     """K, the prediction horizon."""
     step_s: float
@@ -86,7 +86,7 @@ class JointProblem:
     def price_per_m(self) -> float:
         """Of a violated metre of distance, agreed side or area: ``PRICE`` times 2 K q (‖p − L‖ + d)."""
         way_m = np.linalg.norm(self.states[:, :2] - self.goals[:, :2], axis=1).max() + self.size_m
-        return float(PRICE * 2.0 * self.steps * self.weights[:2].max() * way_m)
+        return float(PRICE * 2.0 * self.weights[1:, :2].max(axis=1).sum() * way_m)
 
     def rollout(self, inputs: Array) -> Array:
         """States (M, K + 1, 4) that follow from inputs (M, K, 2)."""
@@ -148,7 +148,7 @@ def joint_problem(
         safety_distances=distances_m,
         sides=np.array([[sides.get((one, other), 0.0) for other in (*robots, *paths)] for one in robots]),
         area=np.array([[scene.area.x_min_m, scene.area.y_min_m], [scene.area.x_max_m, scene.area.y_max_m]]),
-        weights=np.array(scene.weights.as_tuple()),
+        weights=np.tile(scene.weights.as_tuple(), (steps + 1, 1)),
         steps=steps,
         step_s=scene.step_s,
     )

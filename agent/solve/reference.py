@@ -102,13 +102,13 @@ def _compile(robots: int, obstacles: int, steps: int, step_s: float) -> _Program
     inputs = [ca.SX.sym(f"u_{k}", 2, robots) for k in range(-1, steps)]
     slacks = [ca.SX.sym(f"s_{k}", len(pairs)) for k in range(FIRST_FREE_STAGE, steps + 1)]
     goals = ca.SX.sym("L", 4, robots)
-    weights = ca.SX.sym("q", 4)
+    weights = ca.SX.sym("q", 4, steps + 1)
     others = [ca.SX.sym(f"o_{k}", 2, obstacles) for k in range(FIRST_FREE_STAGE, steps + 1)]
     distances = ca.SX.sym("d", len(pairs))
 
     cost = PENALTY_PER_M2 * ca.sum1(ca.vertcat(0, *slacks))
-    for stage in states:
-        cost += ca.sum1(ca.mtimes(weights.T, (stage - goals) ** 2).T)
+    for k, stage in enumerate(states):
+        cost += ca.sum1(ca.mtimes(weights[:, k].T, (stage - goals) ** 2).T)
     dynamics = [
         states[k + 1][:, i] - symbolic_step(states[k][:, i], inputs[k + 1][:, i], step_s)
         for k in range(steps)
@@ -124,7 +124,7 @@ def _compile(robots: int, obstacles: int, steps: int, step_s: float) -> _Program
     program = {
         "x": ca.vertcat(*map(ca.vec, states[1:]), *map(ca.vec, inputs[1:]), *slacks),
         "p": ca.vertcat(
-            ca.vec(states[0]), ca.vec(inputs[0]), ca.vec(goals), weights, *map(ca.vec, others), distances
+            ca.vec(states[0]), ca.vec(inputs[0]), ca.vec(goals), ca.vec(weights), *map(ca.vec, others), distances
         ),
         "f": cost,
         "g": ca.vertcat(*dynamics, *rates, *clearances),
@@ -171,7 +171,7 @@ def _parameters(problem: JointProblem, pairs: tuple[tuple[int, int], ...]) -> Ar
             problem.states.ravel(),
             previous.ravel(),
             problem.goals.ravel(),
-            problem.weights,
+            problem.weights.ravel(),
             _by_stage(problem.obstacles[:, FIRST_FREE_STAGE:]),
             np.array([problem.safety_distances[pair] for pair in pairs]),
         ]

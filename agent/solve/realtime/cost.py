@@ -17,9 +17,9 @@ def cost_of(states: Array, goals: Array, weights: Array) -> float:
     """Σ_i Σ_k (x_k − L)ᵀ Q (x_k − L)."""
     total = 0.0
     for robot in range(len(states)):
-        for stage in states[robot]:
+        for k in range(states.shape[1]):
             for component in range(4):
-                total += weights[component] * (stage[component] - goals[robot, component]) ** 2
+                total += weights[k, component] * (states[robot, k, component] - goals[robot, component]) ** 2
     return total
 
 
@@ -33,10 +33,10 @@ def gradient_of(states: Array, goals: Array, weights: Array, jacobian: Array) ->
         for k in range(steps + 1):
             slot = 2 * (steps - k)
             for c in range(2):
-                pull[k, c] = 2.0 * weights[c] * (states[robot, k, c] - goals[robot, c])
+                pull[k, c] = 2.0 * weights[k, c] * (states[robot, k, c] - goals[robot, c])
                 if k > 0:
                     off = states[robot, k, 2 + c] - goals[robot, 2 + c]
-                    result[robot, slot + c] = 2.0 * weights[2 + c] * off
+                    result[robot, slot + c] = 2.0 * weights[k, 2 + c] * off
         pull_back(jacobian[robot], pull, result[robot])
     return result
 
@@ -53,7 +53,7 @@ def blocks_of(states: Array, goals: Array, weights: Array, forces: Array, step_s
     Args:
         states: shape (M, K + 1, 4).
         goals: L, shape (M, 4).
-        weights: diagonal of Q.
+        weights: diagonal of Q at each stage, shape (K + 1, 4).
         forces: constraint forces on the positions, shape (M, K + 1, 2); they belong to the costates.
         step_s: Δt.
     """
@@ -66,10 +66,10 @@ def blocks_of(states: Array, goals: Array, weights: Array, forces: Array, step_s
             along_x, along_y = math.cos(heading), math.sin(heading)
             turning = -step_s * speed * (costate_x * along_x + costate_y * along_y)
             mixed = step_s * (costate_y * along_x - costate_x * along_y)
-            block = _projected(turning + 2.0 * weights[2], mixed, 2.0 * weights[3])
+            block = _projected(turning + 2.0 * weights[j, 2], mixed, 2.0 * weights[j, 3])
             result[robot, steps - j, 0], result[robot, steps - j, 1], result[robot, steps - j, 2] = block
-            costate_x += 2.0 * weights[0] * (states[robot, j, 0] - goals[robot, 0]) - forces[robot, j, 0]
-            costate_y += 2.0 * weights[1] * (states[robot, j, 1] - goals[robot, 1]) - forces[robot, j, 1]
+            costate_x += 2.0 * weights[j, 0] * (states[robot, j, 0] - goals[robot, 0]) - forces[robot, j, 0]
+            costate_y += 2.0 * weights[j, 1] * (states[robot, j, 1] - goals[robot, 1]) - forces[robot, j, 1]
     return result
 
 

@@ -5,7 +5,7 @@ upper triangle. For the sizes here, the number of close pairs, this is faster th
 
 A robot's matrix is
 
-    dᵀMd = Σ_k δp_kᵀ W δp_k + Σ_j d_jᵀ B_j d_j + (AᵀDA's five diagonals in ψ and in v),   d_j = (δψ_j, δv_j)
+    dᵀMd = Σ_k δp_kᵀ W_k δp_k + Σ_j d_jᵀ B_j d_j + (AᵀDA's five diagonals in ψ and in v),   d_j = (δψ_j, δv_j)
 
 Going back from stage K, what is left of M concerns the next position and the profile of two stages, since
 all later positions follow from those: eliminating d_j turns a form in (p_{j+1}, d_j, d_{j−1}) into one in
@@ -91,7 +91,7 @@ def factorise_stages(jacobian: Array, weights: Array, blocks: Array, bands: Arra
 
     Args:
         jacobian: effect of each variable on all later positions, shape (n, 2).
-        weights: diagonal of W, shape (2,).
+        weights: diagonal of W at each stage, shape (K + 1, 2).
         blocks: B_j as its entries (ψψ, ψv, vv), from stage K to 1, shape (K, 3).
         bands: AᵀDA as ``profiles.limit_bands`` gives it, shape (n, 3).
         factor: where the rows go.
@@ -99,10 +99,11 @@ def factorise_stages(jacobian: Array, weights: Array, blocks: Array, bands: Arra
     Returns:
         False where M is not positive definite (or not finite).
     """
+    steps = len(jacobian) // 2
     form = np.zeros((WIDTH, WIDTH))  # the upper triangle, in the order of a row
     for slot in range(0, len(jacobian), 2):
         if slot > 0:
-            _go_back(form, jacobian[slot : slot + 2], weights)
+            _go_back(form, jacobian[slot : slot + 2], weights[steps - slot // 2 + 1])
         block = blocks[slot // 2]
         form[0, 0] += block[0] + bands[slot, 0]
         form[0, 1] += block[1]

@@ -39,7 +39,7 @@ class Program(NamedTuple):
     """The data of the quadratic program for M robots with n = 2K variables each."""
 
     weights: Array
-    """2Q of the positions, shape (2,)."""
+    """2Q of the positions at each stage, shape (K + 1, 2)."""
     blocks: Array
     """The rest of the Hessians, shape (M, K, 3); see ``cost.blocks_of``."""
     gradients: Array
@@ -156,7 +156,7 @@ def set_residuals(program: Program, iterate: Variables, count: int, system: Syst
         add_transposed_limits(limited, program.step_s, result)
         for k in range(len(forces[robot])):
             for c in range(2):
-                forces[robot, k, c] += program.weights[c] * shifts[robot, k, c]
+                forces[robot, k, c] += program.weights[k, c] * shifts[robot, k, c]
         pull_back(program.jacobian[robot], forces[robot], result)
     gaps = np.empty(len(program.rows.gap))
     gaps_after(program.rows, shifts, gaps)

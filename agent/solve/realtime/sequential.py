@@ -78,7 +78,7 @@ def program_about(data: Data, states: Array, forces: Array, penalty: float) -> P
             high[robot, row] = max(bounds[row] - quantities[row], 0.0)
             low[robot, row] = min(-bounds[row] - quantities[row], 0.0)
     return Program(
-        2.0 * data.weights[:2],
+        2.0 * data.weights[:, :2],
         blocks_of(states, data.goals, data.weights, forces, data.step_s),
         gradient_of(states, data.goals, data.weights, jacobian),
         jacobian,
@@ -161,7 +161,7 @@ def _modelled(program: Program, change: Array) -> tuple[float, float]:
     for robot in range(robots):
         displacements(program.jacobian[robot], change[robot], shifts[robot])
         for c in range(2):
-            increase += 0.5 * program.weights[c] * (shifts[robot, :, c] ** 2).sum()
+            increase += 0.5 * (program.weights[:, c] * shifts[robot, :, c] ** 2).sum()
         increase += (program.gradients[robot] * change[robot]).sum()
         for slot in range(0, size, 2):
             block = program.blocks[robot, slot // 2]
@@ -215,7 +215,7 @@ def sensitivities(program: Program, outcome: Outcome, stages: int) -> Array:
     for goal in range(2 * robots):
         gradients = np.zeros((robots, size))
         pull[:] = 0.0
-        pull[:, goal % 2] = -program.weights[goal % 2]
+        pull[:, goal % 2] = -program.weights[:, goal % 2]
         pull_back(program.jacobian[goal // 2], pull, gradients[goal // 2])
         changes = response(program, outcome, gradients)
         for robot in range(robots):

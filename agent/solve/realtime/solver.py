@@ -117,7 +117,7 @@ class _Units(NamedTuple):
 
 
 def _units_of(problem: JointProblem) -> _Units:
-    weight = float(problem.weights[:2].max()) or 1.0
+    weight = float(problem.weights[1:, :2].max(axis=1).mean()) or 1.0
     return _Units(problem.size_m, weight * problem.size_m**2)
 
 
