@@ -71,6 +71,7 @@ class Agent:
         self._telemetry.begin()
         deadline.begin()
         previous = history.previous_input(memory)
+        room = self._driver.look(observation, memory, previous)
         thought = Thought(refused, self.perception.has_arrived(self.goal))
         if not thought.arrived:
             with self._telemetry.phase("estimate"):  # eq. 6
@@ -81,7 +82,7 @@ class Agent:
             if thought.prediction.solved:
                 with self._telemetry.phase("plan"):  # eq. 1
                     goal = known_goal(self.goal, memory.state(robot))
-                    thought.plan = planner.plan(memory, goal, previous, thought.prediction)
+                    thought.plan = planner.plan(memory, goal, previous, thought.prediction, room)
         command = self._driver.act(observation, memory, previous, thought)
         interventions = self._driver.interventions
         mind = self._telemetry.mind(observation, memory, thought, interventions, deadline.cut_short_at)

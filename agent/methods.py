@@ -38,7 +38,7 @@ def method_of(name: GoalsName, scene: Scene, robot: str, solver: JointSolver, de
     planner = Planner(scene, robot, solver, deadline, arrives_early=name == DEFAULT_GOALS)
     if name in ESTIMATORS:
         estimator, predictor = ESTIMATORS[name](scene), Predictor(scene, solver, deadline)
-        joint_or_own = JointPlan(robot) if estimator.goals_are_shared else planner
+        joint_or_own = JointPlan(robot, planner) if estimator.goals_are_shared else planner
         return Method(estimator, predictor, joint_or_own, deadline)
 
     def coasting(memory: Memory, other: str) -> Array:

@@ -5,11 +5,12 @@ from collections import deque
 from agent.drive.reserve import Reserve
 from agent.drive.safety import LastResort, Vigilance
 from agent.remember.memory import Memory
-from agent.solve.planning import Plan
+from agent.solve.planning import Plan, Room
+from agent.solve.vehicle import Array
 from agent.telemetry import Thought
 from protocol.messages import Command, Degradation, Observation
 from protocol.scene import Scene
-from protocol.vehicle import STANDSTILL, Input, Limits, braking_input, reachable_inputs, speed_after
+from protocol.vehicle import STANDSTILL, Input, Limits, Reachable, braking_input, reachable_inputs, speed_after
 
 LONGEST_BRAKING_STEPS = 1000
 """After so many steps without a command a robot is taken to stand."""
@@ -44,13 +45,24 @@ class Driver:
         self.interventions = 0
         self.history = CommandHistory(robot, self._limits, scene.step_s)
 
+    def look(self, observation: Observation, memory: Memory, previous: Input) -> Room:
+        """Draw the lines of this step; what comes back tells a planner which inputs they leave it."""
+        if not self._keeps_reserve:
+            return lambda wanted: None
+        self._reserve.update(memory, previous, observation.accuracy)
+        speed_mps = float(memory.state(self._robot)[3])
+
+        def room(wanted: Array) -> Reachable | None:
+            driven = within_reach(wanted, self._limits, previous, speed_mps, self._step_s)
+            return self._reserve.room(memory, driven, previous)
+
+        return room
+
     def act(self, observation: Observation, memory: Memory, previous: Input, thought: Thought) -> Command:
         """The command that answers an observation, after the previous input and by what was thought of it.
 
         Where the plan is not to be followed, the thought is told why.
         """
-        if self._keeps_reserve:
-            self._reserve.update(memory, previous, observation.accuracy)
         is_blind = self._vigilance.look(memory, observation.age_steps)
         speed_mps = float(memory.state(self._robot)[3])
         driven, thought.emergency = self._input(memory, previous, speed_mps, thought, is_blind)
@@ -79,7 +91,7 @@ class Driver:
             return braking, "controlled stop"
         failure: Degradation | None = None
         if plan is not None and plan.solved:
-            wanted = planned_input(plan, limits, previous, speed_mps, step_s)
+            wanted = within_reach(plan.inputs[0], limits, previous, speed_mps, step_s)
         else:
             wanted, failure = failure_input(limits, previous, speed_mps, step_s), "solver failure"
         driven = self._held_back(memory, plan, wanted, previous, braking) if self._keeps_reserve else wanted
@@ -98,13 +110,15 @@ class Driver:
         return self._reserve.nearest_allowed(memory, wanted, previous)
 
 
-def planned_input(plan: Plan, limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
-    """The input of a plan that is driven now.
+def within_reach(
+    planned: Array, limits: Limits, previous: Input, speed_mps: float, step_s: float
+) -> Input:
+    """What is driven of a planned input (2,).
 
     Solvers keep limits to a tolerance; what is commanded keeps those of inputs and rates exactly, and that of
     the speed as far as they allow.
     """
-    turn_rate, acceleration = plan.inputs[0].tolist()
+    turn_rate, acceleration = planned.tolist()
     slowest, fastest = ((bound - speed_mps) / step_s for bound in (-limits.speed_mps, limits.speed_mps))
     wanted = Input(turn_rate, min(max(acceleration, slowest), fastest))
     return reachable_inputs(limits, previous, step_s).clip(wanted)

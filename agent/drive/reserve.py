@@ -21,7 +21,7 @@ from agent.solve.compiled import kernel
 from agent.solve.vehicle import Array
 from protocol.messages import Accuracy
 from protocol.scene import Scene
-from protocol.vehicle import Input, Limits, braking_input, reachable_inputs
+from protocol.vehicle import Input, Limits, Reachable, braking_input, reachable_inputs
 from protocol.vehicle import settling_rate as _settling_rate
 
 CHOICES = 9
@@ -109,6 +109,35 @@ class Reserve:
         if found < len(choices):
             return Input(*choices[found].tolist())
         return braking_input(self._limits, previous, float(state[3]), step_s)
+
+    def room(self, memory: Memory, wanted: Input, previous: Input) -> Reachable | None:
+        """The inputs among which to look for a better one than the wanted one.
+
+        None if that is allowed, or if not even a range of inputs is. Else the largest range (a rectangle of turn
+        rates and accelerations) of allowed inputs that holds the one nearest to it, to within the distance of
+        two of the ``CHOICES``.
+        """
+        lines = list(self._lines.values())
+        if not lines:
+            return None
+        normal, own = np.array([each.normal for each in lines]), np.array([each.own for each in lines])
+        state, limits, path = memory.state(self._robot), self._array(self._robot), np.empty(normal.shape[1:])
+        step_s = self._scene.step_s
+        if first_allowed(state, np.array([wanted]), limits, step_s, normal, own, path) == 0:
+            return None
+        lowest, highest = map(np.array, reachable_inputs(self._limits, previous, step_s))
+        values = np.linspace(lowest, highest, CHOICES)
+        allowed = np.empty((CHOICES, CHOICES), np.bool_)
+        which_allowed(state, values, limits, step_s, normal, own, path, allowed)
+        if not allowed.any():
+            return None
+        away = ((values - np.array(wanted)) / (highest - lowest)) ** 2
+        distances = np.where(allowed, away[:, :1] + away[:, 1], np.inf)
+        corners = largest_rectangle(allowed, *np.unravel_index(np.argmin(distances), distances.shape))
+        if corners is None:
+            return None
+        (one, other), (two, another) = corners
+        return Reachable(Input(values[one, 0], values[two, 1]), Input(values[other, 0], values[another, 1]))
 
     def _choices(self, wanted: Input, previous: Input) -> Array:
         """Inputs (n, 2) that can be reached, those nearest to the wanted one first."""
@@ -315,6 +344,47 @@ def first_allowed(
         if _keeps_to(path, normal, own):
             return index
     return len(inputs)
+
+
+@kernel
+def which_allowed(
+    state: Array,
+    values: Array,
+    limits: Array,
+    step_s: float,
+    normal: Array,
+    own: Array,
+    path: Array,
+    allowed: Array,
+) -> None:
+    """Fill in which inputs, of turn rates and accelerations (n, 2), are allowed, shape (n, n)."""
+    for row in range(len(values)):
+        for column in range(len(values)):
+            given = np.array([values[row, 0], values[column, 1]])
+            contingency(state, given, limits, step_s, 1, path)
+            allowed[row, column] = _keeps_to(path, normal, own)
+
+
+def largest_rectangle(
+    allowed: Array, row: int, column: int
+) -> tuple[tuple[int, int], tuple[int, int]] | None:
+    """The rows and columns, first and last, of the largest all-true rectangle that holds a cell.
+
+    It has two rows and two columns at least; None if there is none.
+    """
+    best, found = 0, None
+    for first in range(row + 1):
+        for last in range(row, len(allowed)):
+            free = allowed[first : last + 1].all(axis=0)
+            if not free[column]:
+                continue
+            blocked = np.flatnonzero(~free)
+            left = int(blocked[blocked < column].max(initial=-1)) + 1
+            right = int(blocked[blocked > column].min(initial=len(free))) - 1
+            size = (last - first) * (right - left)
+            if size > best:
+                best, found = size, ((first, last), (left, right))
+    return found
 
 
 @kernel

@@ -13,7 +13,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from agent.remember.memory import Memory
-from agent.solve.planning import Plan, Planner
+from agent.solve.planning import Plan, Planner, Room
 from agent.solve.prediction import Prediction
 from agent.solve.vehicle import Array, rollout
 from protocol.scene import Scene
@@ -49,12 +49,14 @@ class OrcaPlanner:
         self._parking = parking
         self._parks = False
 
-    def plan(self, memory: Memory, goal: Array, previous: Input, prediction: Prediction) -> Plan:
+    def plan(
+        self, memory: Memory, goal: Array, previous: Input, prediction: Prediction, room: Room
+    ) -> Plan:
         """One step towards ORCA's velocity, or on the way into the goal pose."""
         state = memory.state(self._robot)
         self._parks = self._parks or math.dist(state[:2], goal[:2]) < PARKING_M
         if self._parks:
-            return self._parking.plan(memory, goal, previous, prediction)
+            return self._parking.plan(memory, goal, previous, prediction, room)
         velocity = self.velocity(memory, goal)
         limits, step_s = self._scene.robot(self._robot).limits, self._scene.step_s
         inputs = np.array([tracking_input(velocity, state, limits, previous, step_s)])

@@ -15,8 +15,12 @@ from agent.solve.starts import POOR, Alone, WarmStarts, cold_start, is_deadlock,
 from agent.solve.vehicle import Array
 from agent.solve.yielding import Yielding
 from protocol.scene import Scene
-from protocol.vehicle import Input
+from protocol.vehicle import Input, Reachable
 
+
+
+Room = Callable[[Array], Reachable | None]
+"""Which inputs the lines of the reserve leave where a wanted first input (2,) is not allowed; None where it is."""
 
 
 @dataclass(frozen=True)
@@ -26,18 +30,6 @@ class Plan:
     inputs: Array
     states: Array
     solved: bool
-
-
-class JointPlan:
-    """Plans for one robot where goals are exchanged: the joint problem is its plan."""
-
-    def __init__(self, robot: str) -> None:
-        self._robot = robot
-
-    def plan(self, memory: Memory, goal: Array, previous: Input, prediction: Prediction) -> Plan:
-        """Its own part of the prediction."""
-        robot = self._robot
-        return Plan(prediction.inputs[robot], prediction.states[robot], prediction.solved)
 
 
 class Planner:
@@ -70,8 +62,10 @@ class Planner:
         self._last: Array | None = None
         self._yielding = Yielding(scene, robot)
 
-    def plan(self, memory: Memory, goal: Array, previous: Input, prediction: Prediction) -> Plan:
-        """Solve for the ego, among the predicted paths of all others."""
+    def plan(
+        self, memory: Memory, goal: Array, previous: Input, prediction: Prediction, room: Room
+    ) -> Plan:
+        """Solve for the ego, among the predicted paths of all others, and in the room that lines leave it."""
         true_goal = goal
         if self._arrives_early:
             goal = self._yielding.destination(memory, goal)
@@ -104,7 +98,9 @@ class Planner:
         else:
             start = expected or self._starts.start(problem, [robot], otherwise=as_if_alone)
             solution = solve_well(self._solver, problem, start, as_if_alone, self._deadline)
+        solution = self._inside(problem, solution, room)
         self._starts.keep([robot], solution)
+        self._last = np.concatenate([solution.states[0, 1:], solution.states[0, -1:]]) if solution.solved else None
         return Plan(solution.inputs[0], solution.states[0], solution.solved)
 
     def _early(
@@ -148,5 +144,33 @@ class Planner:
                 candidate = solved(begin, known)
                 candidate = solved(candidate.start(), candidate.states[0])
                 found = min(found, candidate, key=cost)
-        self._last = np.concatenate([found.states[0, 1:], found.states[0, -1:]]) if found.solved else None
         return found
+
+    def _inside(self, problem: JointProblem, solution: Solution, room: Room) -> Solution:
+        """The plan, or one near it whose first input the lines allow."""
+        allowed = room(solution.inputs[0, 0]) if solution.solved else None
+        if allowed is None:
+            return solution
+        weights = problem.weights
+        if self._arrives_early:
+            weights = arrival_weights(weights, solution.states[0], problem.goals[0], 0.5 * self._scene.arrival_tolerance)
+        bounded = replace(problem, first_inputs=np.array([allowed]), weights=weights)
+        found = self._solver.solve(bounded, solution.start())
+        return found if found.solved else solution
+
+
+class JointPlan:
+    """Plans for one robot where goals are exchanged: the joint problem is its plan."""
+
+    def __init__(self, robot: str, planner: Planner) -> None:
+        self._robot = robot
+        self._planner = planner
+
+    def plan(
+        self, memory: Memory, goal: Array, previous: Input, prediction: Prediction, room: Room
+    ) -> Plan:
+        """Its own part of the prediction; planned anew among the others where that is not allowed."""
+        robot = self._robot
+        if room(prediction.inputs[robot][0]) is not None:
+            return self._planner.plan(memory, goal, previous, prediction, room)
+        return Plan(prediction.inputs[robot], prediction.states[robot], prediction.solved)

@@ -106,8 +106,13 @@ class Predictor:
         """A solution of the problem with sides: the given one, or one near it; None if none is found."""
         if problem.violation_m(solution.states) <= POOR * problem.size_m:
             return solution
-        found = self._solver.solve(problem, solution.start())
-        return found if found.solved and found.violation_m <= POOR * problem.size_m else None
+        for warm in (True, False):
+            found = self._solver.solve(problem, solution.start(warm=warm))
+            if found.solved and found.violation_m <= POOR * problem.size_m:
+                return found
+            if self._deadline.has_passed():
+                break
+        return None
 
 
 class IndependentPredictor:

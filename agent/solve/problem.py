@@ -41,6 +41,9 @@ class JointProblem:
     """Present states, shape (M, 4): m, m, rad, m/s."""
     previous_inputs: Array
     """Inputs of the last step, shape (M, 2): rad/s, m/s²."""
+    first_inputs: Array
+    """The lowest and the highest input of the first step, shape (M, 2, 2), within what can be reached; infinite
+    where nothing else bounds it."""
     goals: Array
     """Goal states L, shape (M, 4), each heading within half a turn of the present one."""
     limits: tuple[Limits, ...]
@@ -142,6 +145,7 @@ def joint_problem(
     return JointProblem(
         states=np.array([states[robot] for robot in robots]),
         previous_inputs=np.array([inputs[robot] for robot in robots]),
+        first_inputs=np.tile([[[-np.inf], [np.inf]]], (len(robots), 1, 2)),
         goals=np.array(list(goals.values())),
         limits=tuple(scene.robot(robot).limits for robot in robots),
         obstacles=np.array(list(paths.values())).reshape(-1, steps + 1, 2),
@@ -217,11 +221,11 @@ def within_limits(problem: JointProblem, inputs: Array) -> Array:
     """Inputs brought inside the input and rate limits, stage by stage. Shape (M, K, 2)."""
     bounds, wanted = problem.input_bounds, np.ascontiguousarray(inputs, dtype=float)
     previous = np.clip(problem.previous_inputs, -bounds, bounds)
-    return clip_stages(wanted, previous, bounds, problem.rate_bounds)
+    return clip_stages(wanted, previous, bounds, problem.rate_bounds, problem.first_inputs)
 
 
 @kernel
-def clip_stages(inputs: Array, previous: Array, bounds: Array, rates: Array) -> Array:
+def clip_stages(inputs: Array, previous: Array, bounds: Array, rates: Array, first: Array) -> Array:
     """As ``protocol.vehicle.reachable_inputs`` clips one stage, for all robots and stages."""
     result = np.empty_like(inputs)
     for robot in range(inputs.shape[0]):
@@ -230,6 +234,8 @@ def clip_stages(inputs: Array, previous: Array, bounds: Array, rates: Array) -> 
             for k in range(inputs.shape[1]):
                 low = max(held - rates[robot, c], -bounds[robot, c])
                 high = min(held + rates[robot, c], bounds[robot, c])
+                if k == 0:
+                    low, high = max(low, first[robot, 0, c]), min(high, first[robot, 1, c])
                 wanted = inputs[robot, k, c]
                 held = min(wanted, high) if wanted >= low else low  # what is no number becomes the lowest
                 result[robot, k, c] = held

@@ -193,11 +193,15 @@ def _bounds(problem: JointProblem, pairs: int) -> dict[str, Array]:
     lowest = -highest
     lowest[:, :, :2] = -_widened(-problem.area[0], -braked[:, :, :2])
     inputs = np.tile(problem.input_bounds.ravel(), steps)
+    first = slice(0, 2 * robots)
+    least, most = -inputs, inputs.copy()
+    least[first] = np.maximum(least[first], problem.first_inputs[:, 0].ravel())
+    most[first] = np.minimum(most[first], problem.first_inputs[:, 1].ravel())
     rates = np.tile(problem.rate_bounds.ravel(), steps)
     dynamics, free = np.zeros(4 * robots * steps), np.full(rows, np.inf)
     return {
-        "lbx": np.concatenate([_by_stage(lowest), -inputs, np.zeros(rows)]),
-        "ubx": np.concatenate([_by_stage(highest), inputs, free]),
+        "lbx": np.concatenate([_by_stage(lowest), least, np.zeros(rows)]),
+        "ubx": np.concatenate([_by_stage(highest), most, free]),
         "lbg": np.concatenate([dynamics, -rates, np.zeros(rows)]),
         "ubg": np.concatenate([dynamics, rates, free]),
     }

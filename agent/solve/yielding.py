@@ -17,6 +17,8 @@ from protocol.scene import Scene
 
 SURE_STEPS = 10
 """For so long a robot has stood that is taken to stand."""
+PLACE = 0.25
+"""In safety distances: so far about a robot may try to find a way, and stand none the less."""
 TURN_STEPS = 5
 """In so many steps all see that somebody has begun to back off; then it is not the turn of the next one."""
 ROOM = 2.0
@@ -68,10 +70,12 @@ class Yielding:
         ]
 
     def _stand(self, robots: list[str], memory: Memory) -> bool:
-        return all(
-            abs(float(memory.state(robot)[3])) < self._scene.robot(robot).limits.jerk_mps3 * self._scene.step_s**2
-            for robot in robots
-        )
+        """Whether all of them have been in one place for long enough, give or take what they try."""
+        for robot in robots:
+            way = memory.states(robot, SURE_STEPS)[:, :2] - memory.state(robot)[:2]
+            if np.linalg.norm(way, axis=1).max() > PLACE * self._scene.safety_distance_m(robot, self._robot):
+                return False
+        return True
 
     def _away_from(self, others: list[str], memory: Memory) -> Array:
         """Straight ahead or back, whichever leads away from the others."""

@@ -32,6 +32,7 @@ class Data(NamedTuple):
     """The arrays of a ``JointProblem``, as its fields and properties describe them."""
 
     previous_inputs: Array
+    first_inputs: Array
     goals: Array
     input_bounds: Array
     rate_bounds: Array
@@ -77,6 +78,10 @@ def program_about(data: Data, states: Array, forces: Array, penalty: float) -> P
         for row in range(len(bounds)):
             high[robot, row] = max(bounds[row] - quantities[row], 0.0)
             low[robot, row] = min(-bounds[row] - quantities[row], 0.0)
+        for c in range(2):
+            row = c * steps
+            high[robot, row] = max(min(high[robot, row], data.first_inputs[robot, 1, c] - quantities[row]), 0.0)
+            low[robot, row] = min(max(low[robot, row], data.first_inputs[robot, 0, c] - quantities[row]), 0.0)
     return Program(
         2.0 * data.weights[:, :2],
         blocks_of(states, data.goals, data.weights, forces, data.step_s),

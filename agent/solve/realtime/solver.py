@@ -175,6 +175,7 @@ def _data_of(problem: JointProblem, units: _Units) -> Data:
     previous = np.clip(problem.previous_inputs, -bounds, bounds)
     return Data(
         previous_inputs=_compact(previous / units.input),
+        first_inputs=_compact(problem.first_inputs / units.input),
         goals=_compact(problem.goals / units.state),
         input_bounds=_compact(bounds / units.input),
         rate_bounds=_compact(problem.rate_bounds / units.input),
