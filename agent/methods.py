@@ -8,6 +8,7 @@ from agent.estimate import DEFAULT_GOALS, ESTIMATORS, GoalsName
 from agent.estimate.goals import ConstantAcceleration, GoalEstimator, Unestimated
 from agent.remember.memory import Memory
 from agent.solve import Deadline
+from agent.solve.arrival import EarlyPlanner
 from agent.solve.orca import OrcaPlanner
 from agent.solve.planning import JointPlan, Planner
 from agent.solve.prediction import IndependentPredictor, Predictor
@@ -35,7 +36,8 @@ def method_of(name: GoalsName, scene: Scene, robot: str, solver: JointSolver, de
         ValueError: the estimator needs something that the scene does not hold.
         ModuleNotFoundError: ORCA's library is not installed.
     """
-    planner = Planner(scene, robot, solver, deadline, arrives_early=name == DEFAULT_GOALS)
+    plans = EarlyPlanner if name == DEFAULT_GOALS else Planner
+    planner = plans(scene, robot, solver, deadline)
     if name in ESTIMATORS:
         estimator, predictor = ESTIMATORS[name](scene), Predictor(scene, solver, deadline)
         joint_or_own = JointPlan(robot, planner) if estimator.goals_are_shared else planner

@@ -111,11 +111,10 @@ class Reserve:
         return braking_input(self._limits, previous, float(state[3]), step_s)
 
     def room(self, memory: Memory, wanted: Input, previous: Input) -> Reachable | None:
-        """The inputs among which to look for a better one than the wanted one.
+        """Where a wanted input is not allowed, a range of turn rates and accelerations that are; else None.
 
-        None if that is allowed, or if not even a range of inputs is. Else the largest range (a rectangle of turn
-        rates and accelerations) of allowed inputs that holds the one nearest to it, to within the distance of
-        two of the ``CHOICES``.
+        Of the ``CHOICES``, the largest rectangle of allowed ones that holds the one nearest to what is wanted;
+        braking alone if none of them is allowed.
         """
         lines = list(self._lines.values())
         if not lines:
@@ -130,13 +129,12 @@ class Reserve:
         allowed = np.empty((CHOICES, CHOICES), np.bool_)
         which_allowed(state, values, limits, step_s, normal, own, path, allowed)
         if not allowed.any():
-            return None
+            braking = braking_input(self._limits, previous, float(state[3]), step_s)
+            return Reachable(braking, braking)
         away = ((values - np.array(wanted)) / (highest - lowest)) ** 2
         distances = np.where(allowed, away[:, :1] + away[:, 1], np.inf)
-        corners = largest_rectangle(allowed, *np.unravel_index(np.argmin(distances), distances.shape))
-        if corners is None:
-            return None
-        (one, other), (two, another) = corners
+        row, column = np.unravel_index(np.argmin(distances), distances.shape)
+        (one, other), (two, another) = largest_rectangle(allowed, int(row), int(column))
         return Reachable(Input(values[one, 0], values[two, 1]), Input(values[other, 0], values[another, 1]))
 
     def _choices(self, wanted: Input, previous: Input) -> Array:
@@ -367,12 +365,9 @@ def which_allowed(
 
 def largest_rectangle(
     allowed: Array, row: int, column: int
-) -> tuple[tuple[int, int], tuple[int, int]] | None:
-    """The rows and columns, first and last, of the largest all-true rectangle that holds a cell.
-
-    It has two rows and two columns at least; None if there is none.
-    """
-    best, found = 0, None
+) -> tuple[tuple[int, int], tuple[int, int]]:
+    """The rows and columns, first and last, of the largest all-true rectangle that holds a true cell."""
+    best, found = 0, ((row, row), (column, column))
     for first in range(row + 1):
         for last in range(row, len(allowed)):
             free = allowed[first : last + 1].all(axis=0)
@@ -381,7 +376,7 @@ def largest_rectangle(
             blocked = np.flatnonzero(~free)
             left = int(blocked[blocked < column].max(initial=-1)) + 1
             right = int(blocked[blocked > column].min(initial=len(free))) - 1
-            size = (last - first) * (right - left)
+            size = (last - first + 1) * (right - left + 1)
             if size > best:
                 best, found = size, ((first, last), (left, right))
     return found

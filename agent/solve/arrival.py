@@ -1,74 +1,169 @@
-"""Arrive: a plan that is at its goal as early as it can be.
+"""Plan to arrive early: the default method's own plan.
 
 The cost of eq. 1, a sum of squares, approaches a goal ever more slowly, and does not see a wrong heading before
-it is all that is left. What counts is when the robot has arrived: when ‖x − L‖ ≤ μ. So the ego's own plan
-minimises how many of its stages are not there yet, smoothly counted,
+it is all that is left. What counts is when the robot has arrived, that is, when ‖x − L‖ ≤ μ. So this plan
+minimises at how many of its stages the robot is not there yet, smoothly counted:
 
-    Σ_k φ(‖x_k − L‖²),    φ(e²) = e² / (μ² + e²)
+    Σ_k φ(‖x_k − L‖²),    φ(e²) = e² / (s² + e²),    s = μ/2
 
-It is concave in e², so that the squares weighted by its slope at a known plan x̄ lie above it,
+φ is concave in e², so squares weighted by its slope at a known plan x̄ lie above it,
 
-    φ(e²) ≤ φ(ē²) + w (e² − ē²),    w = φ'(ē²) = μ² / (μ² + ē²)²
+    φ(e²) ≤ φ(ē²) + w (e² − ē²),    w = φ'(ē²) = s² / (s² + ē²)²
 
-and who makes those smaller makes the count smaller (majorise and minimise; the weights are those of Geman and
-McClure's estimator). With the last plan as the known one, a step costs no more than with eq. 1: only the weights
-differ from stage to stage, low on the way and high from where the plan arrives.
+and who makes them smaller makes the count smaller: majorise and minimise, with the weights of Geman and McClure's
+estimator. The last plan is the known one, so that a step costs no more than with eq. 1; only the weights differ
+from stage to stage, low on the way and high from where the plan arrives.
+
+The others cannot know: they go on predicting by eq. 7, and this robot reckons with that.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from agent.solve.problem import JointProblem, Solution, Start, within_limits
-from agent.solve.starts import AWAY, STANDS, cold_start
+from agent.remember.memory import Memory
+from agent.solve import Deadline
+from agent.solve.planning import Plan, Planner, Room, Task
+from agent.solve.prediction import Prediction
+from agent.solve.problem import JointProblem, JointSolver, Solution, Start, within_limits
+from agent.solve.starts import AWAY, POOR, cold_start, comes_to_rest, is_deadlock
 from agent.solve.vehicle import Array
+from agent.solve.yielding import Yielding
+from protocol.scene import Scene
+from protocol.vehicle import Input
+
+SHARP = 0.5
+"""s in arrival tolerances: less would count nothing but what is exactly there, and pull from nowhere."""
 
 
-def stages_away(states: Array, goal: Array, tolerance: float) -> float:
-    """How many of the stages (K + 1, 4) are not at the goal (4,), each counted from 0 to 1."""
-    squares = ((states - goal) ** 2).sum(axis=1)
-    return float((squares / (tolerance**2 + squares)).sum())
+class EarlyPlanner(Planner):
+    """Plans for one robot to be at its goal as early as it can be.
 
-
-def arrival_weights(weights: Array, known: Array, goal: Array, tolerance: float) -> Array:
-    """Weights (K + 1, 4) of squares that lie above the count of stages away, and touch it at a known plan.
+    Each plan starts from the last one, whose weights it needs; where that ends on the wrong side or before
+    somebody for good, from the self-prediction, and as if the robot were alone. Where it ends beside the goal,
+    there and back again. Where robots that stand hold this one up, it backs off in its turn.
 
     Args:
-        weights: those of eq. 1, shape (K + 1, 4); their mean over stages, of positions, is kept, so that the
-            prices of distances stay what they are.
+        scene: what everybody may know.
+        robot: the ego.
+        solver: of trajectory problems.
+        deadline: after it nothing is improved.
+    """
+
+    def __init__(self, scene: Scene, robot: str, solver: JointSolver, deadline: Deadline) -> None:
+        super().__init__(scene, robot, solver, deadline)
+        self._yielding = Yielding(scene, robot)
+        self._known: Array | None = None
+
+    def plan(
+        self, memory: Memory, goal: Array, previous: Input, prediction: Prediction, room: Room
+    ) -> Plan:
+        """See :meth:`Planner.plan`."""
+        destination = self._yielding.destination(memory, goal)
+        plan = super().plan(memory, destination, previous, prediction, room)
+        size_m = self._scene.safety_distance_m(self._robot, self._robot)
+        stops = plan.solved and comes_to_rest(plan.states[:, :2], size_m)
+        self._yielding.judge(memory, stops and bool(self._away(plan.states, goal)[-1]))
+        self._known = np.concatenate([plan.states[1:], plan.states[-1:]]) if plan.solved else None
+        return plan
+
+    def _away(self, states: Array, goal: Array) -> Array:
+        """Which of the stages (n, 4) are not at the goal, shape (n,)."""
+        away: Array = np.linalg.norm(states - goal, axis=1) > self._scene.arrival_tolerance
+        return away
+
+    def _weighted(self, problem: JointProblem, known: Array) -> JointProblem:
+        sharp = SHARP * self._scene.arrival_tolerance
+        return replace(problem, weights=arrival_weights(problem.weights, known, problem.goals[0], sharp))
+
+    def _solved(self, task: Task) -> Solution:
+        problem = task.problem
+        first, *others = self._starts_of(task)
+        found = first()
+        for other in others:
+            if self._is_good(problem, found) or self._deadline.has_passed():
+                break
+            found = min(found, other(), key=partial(self._rank, problem))
+        if self._ends_beside(problem, found):
+            for direction in (1.0, -1.0):
+                if not self._deadline.has_passed():
+                    other = self._there_and_back(problem, direction)
+                    found = min(found, other, key=partial(self._rank, problem))
+        return found
+
+    def _starts_of(self, task: Task) -> Iterator[Callable[[], Solution]]:
+        """Ways to a plan, in order of preference: from the last one, from what is expected, as if alone."""
+        problem = task.problem
+
+        def solved_from(make: Callable[[], Start]) -> Solution:
+            start = make()
+            return self._improved(problem, start, problem.rollout(start.inputs)[0])
+
+        if self._known is not None:
+            last, known = self._starts.start(problem, [self._robot]), self._known
+            yield lambda: self._improved(problem, last, known)
+        expected = task.expected
+        if expected is not None:
+            yield lambda: solved_from(lambda: expected)
+        yield lambda: solved_from(task.as_if_alone)
+
+    def _improved(self, problem: JointProblem, start: Start, known: Array) -> Solution:
+        return self._solver.solve(self._weighted(problem, known), start)
+
+    def _there_and_back(self, problem: JointProblem, direction: float) -> Solution:
+        """A manoeuvre that ends at the goal and rests there for the last quarter of the horizon.
+
+        A robot that stands cannot move sideways, not to first order; one that drives off and comes back can.
+        """
+        quarter = np.arange(problem.steps) * 4 // problem.steps
+        inputs = np.zeros((1, problem.steps, 2))
+        inputs[0, :, 1] = np.array([1.0, -1.0, -1.0, 1.0])[quarter]
+        inputs *= 0.5 * direction * problem.input_bounds[0, 1]
+        start = cold_start(problem, within_limits(problem, inputs))
+        known = problem.rollout(start.inputs)[0]
+        known[-1 - problem.steps // 4 :] = problem.goals[0]
+        found = self._improved(problem, start, known)
+        return self._improved(problem, found.start(), found.states[0])
+
+    def _rank(self, problem: JointProblem, solution: Solution) -> tuple[bool, bool, float]:
+        """By which the least of several plans is the best: solved, clear of others, early there."""
+        states, goal = solution.states[0], problem.goals[0]
+        excess = solution.violation_m / problem.size_m
+        count = float(self._away(states, goal).sum()) + problem.steps * excess
+        smooth = stages_away(states, goal, SHARP * self._scene.arrival_tolerance) / (problem.steps + 1)
+        return not solution.solved, excess > POOR, count + smooth
+
+    def _is_good(self, problem: JointProblem, solution: Solution) -> bool:
+        is_clear = solution.violation_m <= POOR * problem.size_m
+        return solution.solved and is_clear and not is_deadlock(problem, solution)
+
+    def _ends_beside(self, problem: JointProblem, solution: Solution) -> bool:
+        """Whether the robot comes to rest near its goal, but not there."""
+        states, goal = solution.states[0], problem.goals[0]
+        is_near = bool(np.linalg.norm(states[-1, :2] - goal[:2]) <= AWAY * problem.size_m)
+        is_beside = is_near and bool(self._away(states, goal)[-1])
+        return solution.solved and is_beside and comes_to_rest(states[:, :2], problem.size_m)
+
+
+def stages_away(states: Array, goal: Array, sharp: float) -> float:
+    """How many of the stages (n, 4) are not at the goal (4,), each counted from 0 to 1; ``sharp`` is s."""
+    squares = ((states - goal) ** 2).sum(axis=1)
+    return float((squares / (sharp**2 + squares)).sum())
+
+
+def arrival_weights(weights: Array, known: Array, goal: Array, sharp: float) -> Array:
+    """Weights (K + 1, 4) of squares that lie above the count of stages away and touch it at a known plan.
+
+    Args:
+        weights: those of eq. 1, shape (K + 1, 4). The mean of those of positions is kept, so that prices of
+            distances stay what they are.
         known: states of the known plan, shape (K + 1, 4).
         goal: L, shape (4,).
-        tolerance: μ.
+        sharp: s.
     """
     squares = ((known - goal) ** 2).sum(axis=1)
-    slopes = 1.0 / (tolerance**2 + squares) ** 2
+    slopes = 1.0 / (sharp**2 + squares) ** 2
     slopes *= weights[1:, :2].max() / slopes[1:].mean()
     return np.repeat(slopes[:, None], 4, axis=1)
-
-
-def rests_beside(problem: JointProblem, solution: Solution, tolerance: float) -> bool:
-    """Whether a robot comes to rest near its goal (4,), but not at it."""
-    end = solution.states[0, -1]
-    rest = solution.states[0, -1 - problem.steps // 3 :, :2]
-    stands = np.linalg.norm(rest - rest[-1], axis=-1).max() < STANDS * problem.size_m
-    error = float(np.linalg.norm(end - problem.goals[0]))
-    near = float(np.linalg.norm(end[:2] - problem.goals[0, :2])) <= AWAY * problem.size_m
-    return bool(solution.solved and stands and near and error > tolerance)
-
-
-def manoeuvres(problem: JointProblem) -> list[Callable[[], Start]]:
-    """Starts for a robot that would come to rest beside its goal: there and back again, and back and there.
-
-    A robot that stands cannot move sideways, not to first order; one that is to come back to where it is can.
-    """
-    return [partial(_there_and_back, problem, direction) for direction in (1.0, -1.0)]
-
-
-def _there_and_back(problem: JointProblem, direction: float) -> Start:
-    steps = problem.steps
-    quarter = np.arange(steps) * 4 // max(steps, 1)
-    sign = np.where((quarter == 0) | (quarter == 3), direction, -direction)
-    inputs = np.zeros((1, steps, 2))
-    inputs[0, :, 1] = 0.5 * sign * problem.input_bounds[0, 1]
-    return cold_start(problem, within_limits(problem, inputs))

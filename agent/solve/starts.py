@@ -60,11 +60,16 @@ def rank(problem: JointProblem, solution: Solution, handicap: float = 0.0) -> tu
 def is_deadlock(problem: JointProblem, solution: Solution) -> bool:
     """Whether a robot comes to a stand away from its goal while others are in its way."""
     positions = solution.states[:, :, :2]
-    rest = positions[:, -1 - problem.steps // 3 :]
-    stands = np.linalg.norm(rest - rest[:, -1:], axis=-1).max(axis=1) < STANDS * problem.size_m
+    stands = np.array([comes_to_rest(path, problem.size_m) for path in positions])
     away = np.linalg.norm(positions[:, -1] - problem.goals[:, :2], axis=-1) > AWAY * problem.size_m
     held = np.linalg.norm(solution.forces[:, -1], axis=-1) > 0.0
     return bool((stands & away & held).any())
+
+
+def comes_to_rest(path: Array, size_m: float) -> bool:
+    """Whether a robot stays in one place in the last third of its path (K + 1, 2)."""
+    rest = path[-1 - (len(path) - 1) // 3 :]
+    return bool(np.linalg.norm(rest - rest[-1], axis=1).max() < STANDS * size_m)
 
 
 def cold_start(problem: JointProblem, inputs: Array | None = None) -> Start:

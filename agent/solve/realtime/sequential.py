@@ -1,5 +1,6 @@
 """One step of sequential quadratic programming, how far to follow it, and how it moves with the goals."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,9 @@ SUFFICIENT = 1e-4
 """Part of the predicted decrease that a step must bring (Armijo)."""
 LEAST_PRICE = 7.0
 """Of a violated length in the merit, where no row pushes."""
+NARROWEST = 1e-3
+"""Of the largest change of an input in a step: closer bounds of the first one are widened to it inside the
+program, which needs some room."""
 SHORTEST = 1e-3
 """Shorter steps are not tried."""
 
@@ -79,9 +83,11 @@ def program_about(data: Data, states: Array, forces: Array, penalty: float) -> P
             high[robot, row] = max(bounds[row] - quantities[row], 0.0)
             low[robot, row] = min(-bounds[row] - quantities[row], 0.0)
         for c in range(2):
-            row = c * steps
-            high[robot, row] = max(min(high[robot, row], data.first_inputs[robot, 1, c] - quantities[row]), 0.0)
-            low[robot, row] = min(max(low[robot, row], data.first_inputs[robot, 0, c] - quantities[row]), 0.0)
+            lowest, highest = data.first_inputs[robot, 0, c], data.first_inputs[robot, 1, c]
+            if math.isfinite(lowest) and math.isfinite(highest):
+                row, least = c * steps, NARROWEST * data.rate_bounds[robot, c]
+                high[robot, row] = max(min(high[robot, row], highest - quantities[row]), least)
+                low[robot, row] = min(max(low[robot, row], lowest - quantities[row]), -least)
     return Program(
         2.0 * data.weights[:, :2],
         blocks_of(states, data.goals, data.weights, forces, data.step_s),
