@@ -69,6 +69,9 @@ class EarlyPlanner(Planner):
         self._known = np.concatenate([plan.states[1:], plan.states[-1:]]) if plan.solved else None
         return plan
 
+    def _caution_m(self, memory: Memory, other: str) -> float:
+        return super()._caution_m(memory, other) - self._yielding.concession_m(memory, other)
+
     def _away(self, states: Array, goal: Array) -> Array:
         """Which of the stages (n, 4) are not at the goal, shape (n,)."""
         away: Array = np.linalg.norm(states - goal, axis=1) > self._scene.arrival_tolerance

@@ -82,7 +82,7 @@ class Planner:
     def _task(self, memory: Memory, goal: Array, previous: Input, prediction: Prediction) -> Task:
         robot, present = self._robot, memory.present()
         others = {other: path for other, path in prediction.paths.items() if other != robot}
-        cautions_m = {other: memory.caution_m(other) for other in others}
+        cautions_m = {other: self._caution_m(memory, other) for other in others}
 
         def among(paths: Mapping[str, Array], sides: Sides) -> JointProblem:
             inputs = {robot: previous}
@@ -101,6 +101,10 @@ class Planner:
             sides = agreed_sides(self._scene, ways, memory.sigma_m)
         problem = among(others, sides)
         return Task(problem, expected, lambda: cold_start(problem, driven_alone().inputs.copy()))
+
+    def _caution_m(self, memory: Memory, other: str) -> float:
+        """How much more than the safety distance to keep from another robot."""
+        return memory.caution_m(other)
 
     def _solved(self, task: Task) -> Solution:
         start = task.expected or self._starts.start(task.problem, [self._robot], otherwise=task.as_if_alone)
