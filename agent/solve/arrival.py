@@ -27,6 +27,7 @@ from agent.remember.memory import Memory
 from agent.solve import Deadline
 from agent.solve.planning import Plan, Planner, Room, Task
 from agent.solve.prediction import Prediction
+from agent.solve.sides import side_of
 from agent.solve.problem import JointProblem, JointSolver, Solution, Start, within_limits
 from agent.solve.starts import AWAY, POOR, cold_start, comes_to_rest, is_deadlock
 from agent.solve.vehicle import Array
@@ -72,6 +73,18 @@ class EarlyPlanner(Planner):
     def _caution_m(self, memory: Memory, other: str) -> float:
         return super()._caution_m(memory, other) - self._yielding.concession_m(memory, other)
 
+    def _is_expected(self, problem: JointProblem, expected: Start, states: Array) -> bool:
+        """Whether a plan (K + 1, 4) passes everybody on the side on which the self-prediction does."""
+        predicted = problem.rollout(expected.inputs)[0]
+        for path, safety_m in zip(problem.obstacles, problem.safety_distances[0, 1:], strict=True):
+            sides = [
+                side_of(path - way[:, :2], float(safety_m), self._scene.safety_margin_m)
+                for way in (predicted, states)
+            ]
+            if sides[0] * sides[1] < 0.0:
+                return False
+        return True
+
     def _away(self, states: Array, goal: Array) -> Array:
         """Which of the stages (n, 4) are not at the goal, shape (n,)."""
         away: Array = np.linalg.norm(states - goal, axis=1) > self._scene.arrival_tolerance
@@ -104,10 +117,10 @@ class EarlyPlanner(Planner):
             start = make()
             return self._improved(problem, start, problem.rollout(start.inputs)[0])
 
-        if self._known is not None:
-            last, known = self._starts.start(problem, [self._robot]), self._known
+        expected, known = task.expected, self._known
+        if known is not None and (expected is None or self._is_expected(problem, expected, known)):
+            last = self._starts.start(problem, [self._robot])
             yield lambda: self._improved(problem, last, known)
-        expected = task.expected
         if expected is not None:
             yield lambda: solved_from(lambda: expected)
         yield lambda: solved_from(task.as_if_alone)
