@@ -10,7 +10,15 @@ from agent.solve.vehicle import Array
 from agent.telemetry import Thought
 from protocol.messages import Command, Degradation, Observation
 from protocol.scene import Scene
-from protocol.vehicle import STANDSTILL, Input, Limits, Reachable, braking_input, reachable_inputs, speed_after
+from protocol.vehicle import (
+    STANDSTILL,
+    Input,
+    Limits,
+    Reachable,
+    braking_input,
+    reachable_inputs,
+    speed_after,
+)
 
 LONGEST_BRAKING_STEPS = 1000
 """After so many steps without a command a robot is taken to stand."""
@@ -110,9 +118,7 @@ class Driver:
         return self._reserve.nearest_allowed(memory, wanted, previous)
 
 
-def within_reach(
-    planned: Array, limits: Limits, previous: Input, speed_mps: float, step_s: float
-) -> Input:
+def within_reach(planned: Array, limits: Limits, previous: Input, speed_mps: float, step_s: float) -> Input:
     """What is driven of a planned input (2,).
 
     Solvers keep limits to a tolerance; what is commanded keeps those of inputs and rates exactly, and that of

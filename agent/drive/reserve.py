@@ -363,9 +363,7 @@ def which_allowed(
             allowed[row, column] = _keeps_to(path, normal, own)
 
 
-def largest_rectangle(
-    allowed: Array, row: int, column: int
-) -> tuple[tuple[int, int], tuple[int, int]]:
+def largest_rectangle(allowed: Array, row: int, column: int) -> tuple[tuple[int, int], tuple[int, int]]:
     """The rows and columns, first and last, of the largest all-true rectangle that holds a true cell."""
     best, found = 0, ((row, row), (column, column))
     for first in range(row + 1):

@@ -1,10 +1,13 @@
 """Plan to arrive early: the default method's own plan.
 
 The cost of eq. 1, a sum of squares, approaches a goal ever more slowly, and does not see a wrong heading before
-it is all that is left. What counts is when the robot has arrived, that is, when ‖x − L‖ ≤ μ. So this plan
-minimises at how many of its stages the robot is not there yet, smoothly counted:
+it is all that is left. What counts is when the robot has arrived. So this plan minimises at how many of its
+stages the robot is not there yet, smoothly counted:
 
-    Σ_k φ(‖x_k − L‖²),    φ(e²) = e² / (s² + e²),    s = μ/2
+    Σ_k φ(e_k²),    φ(e²) = e² / (s² + e²),    e² = ‖p − p_L‖² + d² (ψ − ψ_L)² + Δt² v²
+
+The safety distance d, here twice the circle to keep around the own body, measures a radian, as a step Δt does a
+speed; s is half the arrival tolerance, or a small part of d if that is more.
 
 φ is concave in e², so squares weighted by its slope at a known plan x̄ lie above it,
 
@@ -27,16 +30,18 @@ from agent.remember.memory import Memory
 from agent.solve import Deadline
 from agent.solve.planning import Plan, Planner, Room, Task
 from agent.solve.prediction import Prediction
-from agent.solve.sides import side_of
 from agent.solve.problem import JointProblem, JointSolver, Solution, Start, within_limits
+from agent.solve.sides import side_of
 from agent.solve.starts import AWAY, POOR, cold_start, comes_to_rest, is_deadlock
 from agent.solve.vehicle import Array
 from agent.solve.yielding import Yielding
 from protocol.scene import Scene
 from protocol.vehicle import Input
 
-SHARP = 0.5
-"""s in arrival tolerances: less would count nothing but what is exactly there, and pull from nowhere."""
+WITHIN = 0.5
+"""s in arrival tolerances, so that a plan that only just arrives is improved on."""
+SHARPEST = 0.02
+"""The least s in safety distances: weights differ by the fourth power of the way in them."""
 
 
 class EarlyPlanner(Planner):
@@ -57,15 +62,14 @@ class EarlyPlanner(Planner):
         super().__init__(scene, robot, solver, deadline)
         self._yielding = Yielding(scene, robot)
         self._known: Array | None = None
+        self._size_m = scene.safety_distance_m(robot, robot)
+        self._sharp_m = max(WITHIN * scene.arrival_tolerance, SHARPEST * self._size_m)
 
-    def plan(
-        self, memory: Memory, goal: Array, previous: Input, prediction: Prediction, room: Room
-    ) -> Plan:
+    def plan(self, memory: Memory, goal: Array, previous: Input, prediction: Prediction, room: Room) -> Plan:
         """See :meth:`Planner.plan`."""
         destination = self._yielding.destination(memory, goal)
         plan = super().plan(memory, destination, previous, prediction, room)
-        size_m = self._scene.safety_distance_m(self._robot, self._robot)
-        stops = plan.solved and comes_to_rest(plan.states[:, :2], size_m)
+        stops = plan.solved and comes_to_rest(plan.states[:, :2], self._size_m)
         self._yielding.judge(memory, stops and bool(self._away(plan.states, goal)[-1]))
         self._known = np.concatenate([plan.states[1:], plan.states[-1:]]) if plan.solved else None
         return plan
@@ -91,8 +95,9 @@ class EarlyPlanner(Planner):
         return away
 
     def _weighted(self, problem: JointProblem, known: Array) -> JointProblem:
-        sharp = SHARP * self._scene.arrival_tolerance
-        return replace(problem, weights=arrival_weights(problem.weights, known, problem.goals[0], sharp))
+        units = units_of(problem)
+        weights = arrival_weights(problem.weights, known, problem.goals[0], units, self._sharp_m)
+        return replace(problem, weights=weights)
 
     def _solved(self, task: Task) -> Solution:
         problem = task.problem
@@ -148,7 +153,7 @@ class EarlyPlanner(Planner):
         states, goal = solution.states[0], problem.goals[0]
         excess = solution.violation_m / problem.size_m
         count = float(self._away(states, goal).sum()) + problem.steps * excess
-        smooth = stages_away(states, goal, SHARP * self._scene.arrival_tolerance) / (problem.steps + 1)
+        smooth = stages_away(states, goal, units_of(problem), self._sharp_m) / (problem.steps + 1)
         return not solution.solved, excess > POOR, count + smooth
 
     def _is_good(self, problem: JointProblem, solution: Solution) -> bool:
@@ -163,13 +168,18 @@ class EarlyPlanner(Planner):
         return solution.solved and is_beside and comes_to_rest(states[:, :2], problem.size_m)
 
 
-def stages_away(states: Array, goal: Array, sharp: float) -> float:
-    """How many of the stages (n, 4) are not at the goal (4,), each counted from 0 to 1; ``sharp`` is s."""
-    squares = ((states - goal) ** 2).sum(axis=1)
-    return float((squares / (sharp**2 + squares)).sum())
+def units_of(problem: JointProblem) -> Array:
+    """What one of each component of a state counts in metres, shape (4,)."""
+    return np.array([1.0, 1.0, problem.size_m, problem.step_s])
 
 
-def arrival_weights(weights: Array, known: Array, goal: Array, sharp: float) -> Array:
+def stages_away(states: Array, goal: Array, units: Array, sharp_m: float) -> float:
+    """How many of the stages (n, 4) are not at the goal (4,), each counted from 0 to 1; ``sharp_m`` is s."""
+    squares = (((states - goal) * units) ** 2).sum(axis=1)
+    return float((squares / (sharp_m**2 + squares)).sum())
+
+
+def arrival_weights(weights: Array, known: Array, goal: Array, units: Array, sharp_m: float) -> Array:
     """Weights (K + 1, 4) of squares that lie above the count of stages away and touch it at a known plan.
 
     Args:
@@ -177,9 +187,10 @@ def arrival_weights(weights: Array, known: Array, goal: Array, sharp: float) -> 
             distances stay what they are.
         known: states of the known plan, shape (K + 1, 4).
         goal: L, shape (4,).
-        sharp: s.
+        units: see :func:`units_of`.
+        sharp_m: s.
     """
-    squares = ((known - goal) ** 2).sum(axis=1)
-    slopes = 1.0 / (sharp**2 + squares) ** 2
+    squares = (((known - goal) * units) ** 2).sum(axis=1)
+    slopes = 1.0 / (sharp_m**2 + squares) ** 2
     slopes *= weights[1:, :2].max() / slopes[1:].mean()
-    return np.repeat(slopes[:, None], 4, axis=1)
+    return slopes[:, None] * units**2

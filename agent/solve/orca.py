@@ -49,9 +49,7 @@ class OrcaPlanner:
         self._parking = parking
         self._parks = False
 
-    def plan(
-        self, memory: Memory, goal: Array, previous: Input, prediction: Prediction, room: Room
-    ) -> Plan:
+    def plan(self, memory: Memory, goal: Array, previous: Input, prediction: Prediction, room: Room) -> Plan:
         """One step towards ORCA's velocity, or on the way into the goal pose."""
         state = memory.state(self._robot)
         self._parks = self._parks or math.dist(state[:2], goal[:2]) < PARKING_M

@@ -62,9 +62,7 @@ class Planner:
         self._starts = WarmStarts()
         self._alone = Alone(solver)
 
-    def plan(
-        self, memory: Memory, goal: Array, previous: Input, prediction: Prediction, room: Room
-    ) -> Plan:
+    def plan(self, memory: Memory, goal: Array, previous: Input, prediction: Prediction, room: Room) -> Plan:
         """Solve eq. 1 for the ego, among the predicted paths of all others.
 
         Args:
@@ -131,9 +129,7 @@ class JointPlan:
         self._robot = robot
         self._planner = planner
 
-    def plan(
-        self, memory: Memory, goal: Array, previous: Input, prediction: Prediction, room: Room
-    ) -> Plan:
+    def plan(self, memory: Memory, goal: Array, previous: Input, prediction: Prediction, room: Room) -> Plan:
         """Its own part of the prediction; made anew among the others where the reserve does not allow it."""
         robot = self._robot
         if room(prediction.inputs[robot][0]) is not None:

@@ -124,7 +124,12 @@ def _compile(robots: int, obstacles: int, steps: int, step_s: float) -> _Program
     program = {
         "x": ca.vertcat(*map(ca.vec, states[1:]), *map(ca.vec, inputs[1:]), *slacks),
         "p": ca.vertcat(
-            ca.vec(states[0]), ca.vec(inputs[0]), ca.vec(goals), ca.vec(weights), *map(ca.vec, others), distances
+            ca.vec(states[0]),
+            ca.vec(inputs[0]),
+            ca.vec(goals),
+            ca.vec(weights),
+            *map(ca.vec, others),
+            distances,
         ),
         "f": cost,
         "g": ca.vertcat(*dynamics, *rates, *clearances),
