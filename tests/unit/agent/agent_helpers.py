@@ -42,6 +42,10 @@ SOLVERS: dict[str, JointSolver] = {
 """One of each for all tests: they may keep nothing that changes a result, and one test shows that."""
 
 
+def free(wanted: Array) -> None:
+    """A reserve that allows everything."""
+
+
 class Watched:
     """Solves as a real solver does, or fails on demand; keeps what it was asked and what it answered."""
 
@@ -139,13 +143,14 @@ def problem_of(
     return JointProblem(
         states=np.array(states, dtype=float),
         previous_inputs=np.zeros((count, 2)) if previous is None else np.array(previous, dtype=float),
+        first_inputs=np.tile([[-np.inf], [np.inf]], (count, 1, 2)),
         goals=np.array(goals, dtype=float),
         limits=(limits or Limits(),) * count,
         obstacles=moving,
         safety_distances=np.full((count, count + len(moving)), SAFETY_M),
         sides=np.zeros((count, count + len(moving))),
         area=np.array([[-area_m, -area_m], [area_m, area_m]]),
-        weights=np.array(weights),
+        weights=np.tile(weights, (steps + 1, 1)),
         steps=steps,
         step_s=STEP_S,
     )

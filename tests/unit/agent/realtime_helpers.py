@@ -108,7 +108,7 @@ def dense_program(program: Program) -> DenseProgram:
     hessian = np.zeros((robots, size, robots, size))
     jacobians = np.array([position_jacobian(jacobian) for jacobian in program.jacobian])
     for robot, jacobian in enumerate(jacobians):
-        hessian[robot, :, robot] = np.einsum("c,kcm,kcn->mn", program.weights, jacobian, jacobian)
+        hessian[robot, :, robot] = np.einsum("kc,kcm,kcn->mn", program.weights, jacobian, jacobian)
         for stage, (turning, mixed, speeding) in enumerate(program.blocks[robot]):
             here = slice(2 * stage, 2 * stage + 2)
             hessian[robot, here, robot, here] += [[turning, mixed], [mixed, speeding]]

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.drive.commands import failure_input, planned_input
-from agent.solve.planning import Plan
+from agent.drive.commands import failure_input, within_reach
 from protocol.vehicle import STANDSTILL, Input, Limits
 
 STEP_S = 0.1
@@ -17,8 +16,7 @@ wanted = st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0))
 
 
 def driven(*inputs: tuple[float, float], previous: Input = STANDSTILL, speed_mps: float = 1.0) -> Input:
-    plan = Plan(np.array(inputs), np.zeros((len(inputs) + 1, 4)), solved=True)
-    return planned_input(plan, Limits(), previous, speed_mps, STEP_S)
+    return within_reach(np.array(inputs[0]), Limits(), previous, speed_mps, STEP_S)
 
 
 @given(inside, inside, inside, wanted)

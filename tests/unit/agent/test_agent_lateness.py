@@ -36,7 +36,7 @@ class Whims:
     def predict(self, *_: Any) -> Any:
         return SimpleNamespace(solved=True, paths={})
 
-    def plan(self, memory: Any, goal: Any, previous: Input, prediction: Any) -> Plan:
+    def plan(self, memory: Any, goal: Any, previous: Input, prediction: Any, room: Any) -> Plan:
         self.previous.append(previous)
         inputs = [[self.random.uniform(-2, 2), self.random.uniform(-4, 4)] for _ in range(2)]
         return Plan(np.array(inputs), np.zeros((3, 4)), solved=self.random.random() < 0.8)

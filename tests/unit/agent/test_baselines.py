@@ -13,6 +13,7 @@ from agent_helpers import (
     Watched,
     agent_of,
     euler,
+    free,
     remembered,
     scene_of,
     seen,
@@ -81,7 +82,7 @@ def test_without_a_self_prediction_a_plan_starts_from_the_last_one_a_step_on_if_
     for _ in range(2):
         begun.append(len(solver.asked))
         prediction = predictor.predict(memory, {}, ())
-        plans.append(planner.plan(memory, goal, STANDSTILL, prediction))
+        plans.append(planner.plan(memory, goal, STANDSTILL, prediction, free))
         advance(memory, {"a": plans[-1].inputs, "b": np.zeros((1, 2))})
     (alone, _), (_, cold) = solver.asked[:2]
     assert len(alone.obstacles) == 0
@@ -94,7 +95,7 @@ def test_without_a_self_prediction_a_plan_starts_from_the_last_one_a_step_on_if_
     np.testing.assert_array_equal(warm.inputs[0], [*plans[0].inputs[1:], STRAIGHT])
     for solver.fails in ({"plan"}, set()):
         asked = len(solver.asked)
-        planner.plan(memory, goal, STANDSTILL, predictor.predict(memory, {}, ()))
+        planner.plan(memory, goal, STANDSTILL, predictor.predict(memory, {}, ()), free)
     assert not next(start for problem, start in solver.asked[asked:] if len(problem.obstacles)).warm
 
 
@@ -119,7 +120,7 @@ def test_orca_s_velocity_is_that_of_the_library_s_own_defaults_in_the_world_s_fr
     simulator.set_agent_pref_velocity(0, tuple(preferred.tolist()))
     simulator.do_step()
     scene = scene_of("ab", limits=Limits(speed_mps=top_speed))
-    planner = OrcaPlanner(scene, "a", Planner(scene, "a", SOLVERS["realtime"], NEVER, arrives_quickly=False))
+    planner = OrcaPlanner(scene, "a", Planner(scene, "a", SOLVERS["realtime"], NEVER))
     velocity = planner.velocity(memory, np.array([4.0, -3.0, 0.0, 0.0]))
     assert np.isfinite(velocity).all()
     np.testing.assert_allclose(velocity, simulator.get_agent_velocity(0).to_tuple(), atol=1e-6)

@@ -271,7 +271,7 @@ def test_the_response_to_a_shifted_goal_is_that_of_finite_differences(robots, se
         outcome = solve_program(program, np.zeros((2, *program.low.shape)), TIGHT)
         for goal in range(2 * robots):
             pull = np.zeros((program.gradients.shape[1] // 2 + 1, 2))
-            pull[:, goal % 2] = -program.weights[goal % 2]
+            pull[:, goal % 2] = -program.weights[:, goal % 2]
             change = np.zeros_like(program.gradients)
             pull_back(program.jacobian[goal // 2], pull, change[goal // 2])
             there, back = (solved(program, program.gradients + side * 1e-3 * change) for side in (1.0, -1.0))

@@ -4,17 +4,16 @@ import math
 
 import numpy as np
 import pytest
-from agent_helpers import NEVER, SAFETY_M, SOLVERS, STEP_S, Watched, cold, euler, remembered, scene_of
-from hypothesis import given
-from hypothesis import strategies as st
+from agent_helpers import NEVER, SAFETY_M, SOLVERS, STEP_S, Watched, cold, euler, free, remembered, scene_of
 
 from agent.remember.memory import Memory
-from agent.solve.planning import EVENLY, Planner, arrival_weight
+from agent.solve.arrival import EarlyPlanner
+from agent.solve.planning import JointPlan, Planner
 from agent.solve.prediction import Prediction, Predictor
 from agent.solve.problem import JointSolver, Start, joint_problem
 from agent.solve.starts import WarmStarts, openings_of
 from protocol.scene import Area, PublicRobot, Scene, Weights
-from protocol.vehicle import STANDSTILL, Input, Limits
+from protocol.vehicle import STANDSTILL, Input, Limits, Reachable
 
 TOLERANCE_M = 1e-4
 """Of distances where a solver has converged, as from a cold start."""
@@ -79,7 +78,7 @@ def test_the_joint_problem_holds_what_the_scene_and_the_memory_say():
     np.testing.assert_array_equal(problem.previous_inputs, [[0.1, 0.2], [0.3, 0.4]])
     np.testing.assert_array_equal(problem.obstacles, [path])
     np.testing.assert_array_equal(problem.area, [[-5.0, -7.0], [6.0, 8.0]])
-    np.testing.assert_array_equal(problem.weights, [2.0, 3.0, 0.1, 0.2])
+    np.testing.assert_array_equal(problem.weights, [[2.0, 3.0, 0.1, 0.2]] * 13)
     between_radii = [[0.495 + 0.495, 0.495 + 0.3, 0.495 + 1.0], [0.3 + 0.495, 0.3 + 0.3, 0.3 + 1.0]]
     caution_m = [0.0, 0.0, 0.3]  # from those only who are not planned for
     np.testing.assert_allclose(problem.safety_distances, np.array(between_radii) + 0.2 + caution_m)
@@ -173,8 +172,8 @@ def test_a_plan_leads_to_the_goal_it_was_given_among_the_predicted_paths():
     scene, memory, solver = scene_of("abc"), memory_of("abc"), Watched("reference")
     prediction = Predictor(scene, SOLVERS["realtime"], NEVER).predict(memory, GOALS, ())
     true_goal = np.array([0.0, 3.5, 1.0, 0.0])
-    plan = Planner(scene, "a", solver, NEVER, arrives_quickly=False).plan(
-        memory, true_goal, STANDSTILL, prediction
+    plan = Planner(scene, "a", solver, NEVER).plan(
+        memory, true_goal, STANDSTILL, prediction, free
     )
     problem, start = solver.asked[0]
     assert plan.solved
@@ -195,33 +194,27 @@ def test_a_plan_leads_to_the_goal_it_was_given_among_the_predicted_paths():
 def test_planning_for_the_estimated_goal_repeats_the_self_prediction(solver):
     scene, memory = scene_of("abc"), memory_of("abc")
     prediction = Predictor(scene, solver, NEVER).predict(memory, GOALS, ())
-    planner = Planner(scene, "b", solver, NEVER, arrives_quickly=False)
-    plan = planner.plan(memory, GOALS["b"], memory.previous_input("b"), prediction)
+    planner = Planner(scene, "b", solver, NEVER)
+    plan = planner.plan(memory, GOALS["b"], memory.previous_input("b"), prediction, free)
     np.testing.assert_allclose(plan.states[:, :2], prediction.paths["b"], atol=0.01)
 
 
-@given(st.floats(0.1, 6.0), st.floats(0.5, 50.0), st.floats(1e-3, 1e3))
-def test_the_weight_of_arriving_is_that_with_which_a_robot_brakes_evenly(braking, begin_m, weight):
-    """Wherever it is on that rollout, v = p/τ with τ² = r/q; nearer than a step's braking, τ is a step."""
-    limits, evenly_mps2 = Limits(acceleration_mps2=braking), EVENLY * braking
-    speeds_mps = np.linspace(math.sqrt(2.0 * evenly_mps2 * begin_m), 0.0, 1000)
-    ways_m = 0.5 * (speeds_mps[1:] + speeds_mps[:-1]) * -np.diff(speeds_mps) / evenly_mps2
-    left_m = np.cumsum(ways_m[::-1])[::-1]
-    taus_s = [math.sqrt(arrival_weight(weight, each, limits, 1e-9) / weight) for each in left_m.tolist()]
-    np.testing.assert_allclose(left_m / taus_s, speeds_mps[:-1], rtol=1e-9)
-    assert arrival_weight(weight, 0.0, limits, STEP_S) == pytest.approx(weight * STEP_S**2)
-
-
-def test_who_plans_to_arrive_quickly_is_there_sooner():
-    """Alone, over 6 m; the others predict it by the scene's weights all the same."""
-    nobody = Prediction(paths={}, inputs={}, starts={}, states={}, sides={}, solved=True)
-    steps = []
-    for quickly in (False, True):
-        memory, previous = memory_of("a"), STANDSTILL
-        planner = Planner(scene_of("a"), "a", SOLVERS["realtime"], NEVER, arrives_quickly=quickly)
-        while math.dist(memory.state("a")[:2], (2.0, 0.0)) > 0.1:
-            plan = planner.plan(memory, np.array([2.0, 0.0, 0.0, 0.0]), previous, nobody)
-            previous = Input(*plan.inputs[0])
-            advance(memory, {"a": plan.inputs})
-        steps.append(memory.step)
-    assert steps[1] < 0.8 * steps[0]
+@pytest.mark.parametrize("joint", [False, True])
+@pytest.mark.parametrize("plans", [Planner, EarlyPlanner])
+@pytest.mark.parametrize("narrowed", [(-0.03, -0.7, 0.01, -0.2), (0.02, 0.3, 0.02, 0.3)])
+def test_a_plan_begins_within_the_room_that_it_is_left(plans, narrowed, joint):
+    """And goes on as well as it can from there; a single input is room enough."""
+    scene, memory = scene_of("abc"), memory_of("abc")
+    prediction = Predictor(scene, SOLVERS["realtime"], NEVER).predict(memory, GOALS, ())
+    planner = plans(scene, "a", SOLVERS["realtime"], NEVER)
+    room = Reachable(Input(*narrowed[:2]), Input(*narrowed[2:]))
+    asked = JointPlan("a", planner) if joint else planner
+    plan, unbound = (
+        each.plan(memory, GOALS["a"], STANDSTILL, prediction, allowed)
+        for each, allowed in ((asked, lambda wanted: room), (plans(scene, "a", SOLVERS["realtime"], NEVER), free))
+    )
+    assert plan.solved
+    assert room.clip(Input(*plan.inputs[0])) == Input(*plan.inputs[0])
+    assert room.clip(Input(*unbound.inputs[0])) != Input(*unbound.inputs[0])
+    np.testing.assert_allclose(plan.states, euler(memory.state("a"), plan.inputs), atol=1e-9)
+    assert plan.states[-1, 0] > 2.0, "it is on its way none the less"

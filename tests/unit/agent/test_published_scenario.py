@@ -27,11 +27,10 @@ import numpy as np
 import pytest
 from agent_helpers import EPOCH, SOLVERS, STEP_S, cold, published, remembered, scene_of
 
-from agent.drive.commands import planned_input
+from agent.drive.commands import within_reach
 from agent.estimate.goals import ConstantAcceleration, Exchanged, GoalEstimator
 from agent.estimate.inverse_optimal_control import InverseOptimalControl
 from agent.remember.memory import Memory
-from agent.solve.planning import Plan
 from agent.solve.problem import joint_problem
 from agent.solve.starts import WarmStarts
 from protocol.messages import Command, Observation
@@ -101,9 +100,8 @@ def test_the_joint_problem_drives_all_robots_along_the_published_trace(scenario,
         assert solution.solved
         starts.keep(robots, solution)
         for row, (robot, known) in enumerate(scene.robots.items()):
-            plan = Plan(solution.inputs[row], solution.states[row], solution.solved)
             speed = float(memory.state(robot)[3])
-            last[robot] = planned_input(plan, known.limits, last[robot], speed, scene.step_s)
+            last[robot] = within_reach(solution.inputs[row, 0], known.limits, last[robot], speed, scene.step_s)
         return {robot: command(robot, seen.step, control) for robot, control in last.items()}
 
     assert worst_deviation_m(scenario, driven(scenario, answers)) < WITHIN_M

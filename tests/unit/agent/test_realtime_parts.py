@@ -42,7 +42,7 @@ def a_case(seed: int, steps: int, robots: int = 2):
     random = np.random.default_rng(seed)
     states = wild_states(random, robots, steps)
     goals = random.normal(size=(robots, 4)) * [4.0, 4.0, 2.0, 0.0]
-    return random, states, goals, random.uniform(0.01, 2.0, 4)
+    return random, states, goals, random.uniform(0.01, 2.0, (steps + 1, 4))
 
 
 def lagrangian(path, goal, weights, forces, change):
@@ -76,7 +76,7 @@ def test_the_gradient_is_the_derivative_of_the_cost_of_the_rollout(seed, steps):
 def quadratic_model(blocks, jacobian, weights):
     """Σ_k (∂p_k)ᵀ 2Q ∂p_k and a block a stage, as one matrix."""
     jacobian = position_jacobian(jacobian)
-    model = np.einsum("c,kcm,kcn->mn", 2.0 * weights[:2], jacobian, jacobian)
+    model = np.einsum("kc,kcm,kcn->mn", 2.0 * weights[:, :2], jacobian, jacobian)
     for stage, (turning, mixed, speeding) in enumerate(blocks):
         here = slice(2 * stage, 2 * stage + 2)
         model[here, here] += [[turning, mixed], [mixed, speeding]]
@@ -92,7 +92,7 @@ def test_where_no_block_is_projected_the_model_is_the_second_derivative_of_the_l
     """
     random, states, goals, weights = a_case(seed, steps, robots=1)
     forces = random.normal(scale=30.0, size=(1, steps + 1, 2))
-    weights[2:] += 1e3 * steps
+    weights[:, 2:] += 1e3 * steps
     blocks = blocks_of(states, goals, weights, forces, STEP_S)[0]
     assert (blocks[:, 0] * blocks[:, 2] > blocks[:, 1] ** 2).all()
     size = 1e-4
@@ -106,7 +106,7 @@ def test_where_no_block_is_projected_the_model_is_the_second_derivative_of_the_l
 
     expected = dense(2 * steps, difference)
     found = quadratic_model(blocks, jacobian_of(states, STEP_S)[0], weights)
-    curved = 2.0 * np.diag(np.resize(weights[2:], 2 * steps))
+    curved = 2.0 * np.diag(weights[:0:-1, 2:].ravel())
     # What the large weights add is exact on both sides, and would hide everything else.
     scale = max(1.0, np.abs(expected - curved).max())
     np.testing.assert_allclose(found - curved, expected - curved, atol=1e-5 * scale)

@@ -57,7 +57,7 @@ def random_program(random: np.random.Generator, robots: int, steps: int, rows: i
     low, high = random.uniform(0.0, 2.0, (2, robots, 5 * steps))
     low[random.random(low.shape) < 0.1] = 0.0
     return Program(
-        weights=random.uniform(0.1, 3.0, 2),
+        weights=random.uniform(0.1, 3.0, (steps + 1, 2)),
         blocks=positive[:, :, [0, 0, 1], [0, 1, 1]].copy(),
         gradients=random.normal(scale=10.0, size=(robots, size)),
         jacobian=random.normal(size=(robots, size, 2)),

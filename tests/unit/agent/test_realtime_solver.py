@@ -58,7 +58,7 @@ def test_a_closed_loop_costs_what_it_costs_with_the_reference(robots, seed):
     for solver in SOLVERS.values():
         steps = list(closed_loop(problem, 25, solver))
         ways.append(np.array([step.problem.states for step in steps]))
-        costs.append(float((problem.weights * (ways[-1] - problem.goals) ** 2).sum()))
+        costs.append(float((problem.weights[0] * (ways[-1] - problem.goals) ** 2).sum()))
         assert max(step.solution.violation_m for step in steps) < 1e-3
         pushed |= any(step.solution.forces.any() for step in steps)
     assert pushed

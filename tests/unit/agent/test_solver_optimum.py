@@ -24,6 +24,14 @@ PROBLEMS = {
     "head on": problem_of([(-4.0, 0.0, 0.1, 1.0), (4.0, 0.0, math.pi, 1.5)], OPPOSITE),
     "among obstacles": problem_of([(-4.0, 0.0, 0.0, 2.0)], [OPPOSITE[0]], obstacles=PASSING[None]),
     "too close": problem_of([(-0.5, 0.0, 0.0, 1.0), (0.5, 0.1, math.pi, 1.0)], OPPOSITE),
+    "late weights": replace(
+        problem_of([(-2.0, 0.5, 0.3, 1.0)], [(0.0, 0.0, 0.0, 0.0)]),
+        weights=np.linspace(0.02, 2.0, 31)[:, None] ** 2 * [1.0, 1.0, 0.5, 0.1],
+    ),
+    "a bounded first input": replace(
+        problem_of([(-4.0, 0.0, 0.1, 1.0), (4.0, 0.0, math.pi, 1.5)], OPPOSITE),
+        first_inputs=np.array([[[-0.02, -0.5], [0.01, 0.2]], [[0.03, -0.7], [0.05, -0.1]]]),
+    ),
 }
 NEARBY = np.array([0.05, 0.05, 0.0, 0.0])
 """From a goal to another one that gives a slightly different problem."""
@@ -41,7 +49,9 @@ def limit_rows(problem: JointProblem, inputs: np.ndarray) -> np.ndarray:
         (changes, [0.05, 0.7]),
         (problem.rollout(inputs)[:, 1:, [0, 1, 3]], [10.0, 10.0, 4.5]),
     ]
-    return np.concatenate([(sign * values - bound).ravel() for values, bound in bounded for sign in (1, -1)])
+    rows = [(sign * values - bound).ravel() for values, bound in bounded for sign in (1, -1)]
+    first = [inputs[:, 0] - problem.first_inputs[:, 1], problem.first_inputs[:, 0] - inputs[:, 0]]
+    return np.concatenate([*rows, *(each[np.isfinite(each)] for each in first)])
 
 
 def distance_rows(problem: JointProblem, inputs: np.ndarray) -> np.ndarray:
