@@ -66,7 +66,7 @@ class Telemetry:
         interventions: int,
         cut_short_at: int | None,
     ) -> Mind:
-        """The report of the decision, to be made once; interventions of the monitor are those so far."""
+        """The report of the decision, to be made once; interventions are those so far."""
         self._solver_failures += len(thought.failed)
         paths = thought.prediction.paths if thought.prediction else {}
         return Mind(

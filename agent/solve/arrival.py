@@ -47,9 +47,10 @@ SHARPEST = 0.02
 class EarlyPlanner(Planner):
     """Plans for one robot to be at its goal as early as it can be.
 
-    Each plan starts from the last one, whose weights it needs; where that ends on the wrong side or before
-    somebody for good, from the self-prediction, and as if the robot were alone. Where it ends beside the goal,
-    there and back again. Where robots that stand hold this one up, it backs off in its turn.
+    Each plan starts from the last one, whose weights it needs; where that passes somebody on another side
+    than the self-prediction, from the latter. A plan that comes too close or ends before somebody for good is
+    compared with other starts: from the self-prediction, and as if the robot were alone. Where it ends beside
+    the goal, there and back again. Where robots that stand hold this one up, it backs off in its turn.
 
     Args:
         scene: what everybody may know.
