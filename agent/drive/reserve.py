@@ -113,8 +113,8 @@ class Reserve:
     def room(self, memory: Memory, wanted: Input, previous: Input) -> Reachable | None:
         """Where a wanted input is not allowed, a range of turn rates and accelerations that are; else None.
 
-        Of the ``CHOICES``, the largest rectangle of allowed ones that holds the one nearest to what is wanted;
-        braking alone if none of them is allowed.
+        Of the ``CHOICES``, the largest rectangle of allowed ones that holds the one nearest to what is
+        wanted; braking alone if none of them is allowed.
         """
         lines = list(self._lines.values())
         if not lines:

@@ -1,21 +1,21 @@
 """Plan to arrive early: the default method's own plan.
 
-The cost of eq. 1, a sum of squares, approaches a goal ever more slowly, and does not see a wrong heading before
-it is all that is left. What counts is when the robot has arrived. So this plan minimises at how many of its
-stages the robot is not there yet, smoothly counted:
+The cost of eq. 1, a sum of squares, approaches a goal ever more slowly, and does not see a wrong heading
+before it is all that is left. What counts is when the robot has arrived. So this plan minimises at how many
+of its stages the robot is not there yet, smoothly counted:
 
-    Σ_k φ(e_k²),    φ(e²) = e² / (s² + e²),    e² = ‖p − p_L‖² + d² (ψ − ψ_L)² + Δt² v²
+    Σ_k c(e_k²),    c(e²) = e² / (s² + e²),    e² = ‖p − p_L‖² + d² (ψ − ψ_L)² + Δt² v²
 
-The safety distance d, here twice the circle to keep around the own body, measures a radian, as a step Δt does a
-speed; s is half the arrival tolerance, or a small part of d if that is more.
+The safety distance d from a robot of its kind measures a radian, as a step Δt does a speed; s is half the
+arrival tolerance, or a small part of d if that is more.
 
-φ is concave in e², so squares weighted by its slope at a known plan x̄ lie above it,
+c is concave in e², so squares weighted by its slope at a known plan lie above it,
 
-    φ(e²) ≤ φ(ē²) + w (e² − ē²),    w = φ'(ē²) = s² / (s² + ē²)²
+    c(e²) ≤ c(ē²) + w (e² − ē²),    w = c'(ē²) = s² / (s² + ē²)²
 
-and who makes them smaller makes the count smaller: majorise and minimise, with the weights of Geman and McClure's
-estimator. The last plan is the known one, so that a step costs no more than with eq. 1; only the weights differ
-from stage to stage, low on the way and high from where the plan arrives.
+and who makes them smaller makes the count smaller: majorise and minimise, with the weights of Geman and
+McClure's estimator. The last plan is the known one, so that a step costs no more than with eq. 1; only the
+weights differ from stage to stage, low on the way and high from where the plan arrives.
 
 The others cannot know: they go on predicting by eq. 7, and this robot reckons with that.
 """

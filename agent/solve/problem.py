@@ -42,8 +42,8 @@ class JointProblem:
     previous_inputs: Array
     """Inputs of the last step, shape (M, 2): rad/s, m/s²."""
     first_inputs: Array
-    """The lowest and the highest input of the first step, shape (M, 2, 2), within what can be reached; infinite
-    where nothing else bounds it."""
+    """The lowest and the highest input of the first step, shape (M, 2, 2), within what can be reached;
+    infinite where nothing else bounds it."""
     goals: Array
     """Goal states L, shape (M, 4), each heading within half a turn of the present one."""
     limits: tuple[Limits, ...]

@@ -2,10 +2,10 @@
 
 Whoever stands is thought to have arrived, so two robots that each stand in the other's way would stand for
 good, though each knows of itself that it has not. What all can see is who stands and for how long. So a robot
-that stands, wants to go on and cannot, waits until it is sure of that, and longer the later its id comes among
-those that stand around it; then it backs off, and for as long again it keeps one safety margin instead of two
-from who stands. The others see it drive, and that the way is free, or that it has not arrived; their waiting
-begins anew.
+that stands, wants to go on and cannot, waits until it is sure of that, and longer the later its id comes
+among those that stand around it; then it backs off, and for as long again it keeps one safety margin instead
+of two from who stands. The others see it drive, and that the way is free, or that it has not arrived; their
+waiting begins anew.
 """
 
 import math
@@ -59,7 +59,7 @@ class Yielding:
         return 0.0 if is_over or not self._stands(other, memory) else self._scene.safety_margin_m
 
     def judge(self, memory: Memory, is_held_up: bool) -> None:
-        """Take in, once a step, whether the plan comes to rest before the goal; who is to back off, begins."""
+        """Take in, once a step, whether the plan comes to rest before the goal; begin to back off, if due."""
         around = [*self._around(memory), self._robot]
         is_stuck = is_held_up and len(around) > 1 and all(self._stands(robot, memory) for robot in around)
         if self._refuge is not None or not is_stuck:

@@ -9,7 +9,7 @@ from agent_helpers import NEVER, SAFETY_M, SOLVERS, STEP_S, Watched, cold, euler
 from agent.remember.memory import Memory
 from agent.solve.arrival import EarlyPlanner
 from agent.solve.planning import JointPlan, Planner
-from agent.solve.prediction import Prediction, Predictor
+from agent.solve.prediction import Predictor
 from agent.solve.problem import JointSolver, Start, joint_problem
 from agent.solve.starts import WarmStarts, openings_of
 from protocol.scene import Area, PublicRobot, Scene, Weights
@@ -172,9 +172,7 @@ def test_a_plan_leads_to_the_goal_it_was_given_among_the_predicted_paths():
     scene, memory, solver = scene_of("abc"), memory_of("abc"), Watched("reference")
     prediction = Predictor(scene, SOLVERS["realtime"], NEVER).predict(memory, GOALS, ())
     true_goal = np.array([0.0, 3.5, 1.0, 0.0])
-    plan = Planner(scene, "a", solver, NEVER).plan(
-        memory, true_goal, STANDSTILL, prediction, free
-    )
+    plan = Planner(scene, "a", solver, NEVER).plan(memory, true_goal, STANDSTILL, prediction, free)
     problem, start = solver.asked[0]
     assert plan.solved
     np.testing.assert_array_equal(problem.goals, [true_goal])
@@ -211,7 +209,10 @@ def test_a_plan_begins_within_the_room_that_it_is_left(plans, narrowed, joint):
     asked = JointPlan("a", planner) if joint else planner
     plan, unbound = (
         each.plan(memory, GOALS["a"], STANDSTILL, prediction, allowed)
-        for each, allowed in ((asked, lambda wanted: room), (plans(scene, "a", SOLVERS["realtime"], NEVER), free))
+        for each, allowed in (
+            (asked, lambda wanted: room),
+            (plans(scene, "a", SOLVERS["realtime"], NEVER), free),
+        )
     )
     assert plan.solved
     assert room.clip(Input(*plan.inputs[0])) == Input(*plan.inputs[0])

@@ -101,7 +101,9 @@ def test_the_joint_problem_drives_all_robots_along_the_published_trace(scenario,
         starts.keep(robots, solution)
         for row, (robot, known) in enumerate(scene.robots.items()):
             speed = float(memory.state(robot)[3])
-            last[robot] = within_reach(solution.inputs[row, 0], known.limits, last[robot], speed, scene.step_s)
+            last[robot] = within_reach(
+                solution.inputs[row, 0], known.limits, last[robot], speed, scene.step_s
+            )
         return {robot: command(robot, seen.step, control) for robot, control in last.items()}
 
     assert worst_deviation_m(scenario, driven(scenario, answers)) < WITHIN_M

@@ -12,12 +12,14 @@ from hypothesis import strategies as st
 
 from agent.drive.reserve import (
     CERTAIN,
+    CHOICES,
     EXCUSED,
     SIGMAS,
     Reserve,
     braking_path,
     braking_steps,
     contingency,
+    largest_rectangle,
     parted,
 )
 from agent.remember.memory import Memory
@@ -350,3 +352,52 @@ def test_who_crosses_a_line_is_doubted_until_it_could_stand_and_nobody_else_is(c
         assume(abs(over_m) > ROUNDING)
         if over_m > 0.0:
             crossed = company.step
+
+
+@given(companies(2), st.tuples(SHARES, SHARES))
+def test_the_room_for_a_plan_is_within_the_lines_and_only_told_where_it_is_needed(company, shares):
+    """Of what a robot wants, it is None where that is allowed; where nothing is, it is braking."""
+    company.look()
+    for name, (memory, reserve) in company.robots.items():
+        vehicle = company.bodies[name]
+        lowest, highest = map(np.array, reachable_inputs(vehicle.limits, vehicle.applied, vehicle.step_s))
+        wanted = Input(*(lowest + (0.5 + 0.5 * np.array(shares)) * (highest - lowest)).tolist())
+        nearest = reserve.nearest_allowed(memory, wanted, vehicle.applied)
+        room = reserve.room(memory, wanted, vehicle.applied)
+        assert (room is None) == (nearest == wanted)
+        if room is None:
+            continue
+        braking = braking_input(vehicle.limits, vehicle.applied, vehicle.state.speed_mps, vehicle.step_s)
+        if room.lowest == room.highest == braking:
+            continue
+        values = np.linspace(lowest, highest, CHOICES)
+        inside = [
+            Input(turn_rate, acceleration)
+            for turn_rate in values[:, 0].tolist()
+            for acceleration in values[:, 1].tolist()
+            if room.clip(Input(turn_rate, acceleration)) == (turn_rate, acceleration)
+        ]
+        assert inside
+        for each in inside:
+            assert reserve.nearest_allowed(memory, each, vehicle.applied) == each
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.05, 0.95))
+def test_no_rectangle_of_allowed_inputs_around_the_nearest_one_is_larger(seed, share):
+    random = np.random.default_rng(seed)
+    allowed = random.random((6, 6)) < share
+    assume(allowed.any())
+    row, column = random.permutation(np.argwhere(allowed))[0].tolist()
+    (top, bottom), (left, right) = largest_rectangle(allowed, row, column)
+    assert allowed[top : bottom + 1, left : right + 1].all()
+    assert top <= row <= bottom
+    assert left <= column <= right
+    sizes = [
+        (b + 1 - t) * (last + 1 - first)
+        for t in range(row + 1)
+        for b in range(row, 6)
+        for first in range(column + 1)
+        for last in range(column, 6)
+        if allowed[t : b + 1, first : last + 1].all()
+    ]
+    assert (bottom + 1 - top) * (right + 1 - left) == max(sizes)

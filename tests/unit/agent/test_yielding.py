@@ -8,8 +8,8 @@ import pytest
 from agent_helpers import remembered, scene_of
 
 from agent.process.options import DecisionOptions
-from agent.solve.yielding import SURE_STEPS, TURN_STEPS, Yielding
 from agent.solve.vehicle import Array
+from agent.solve.yielding import SURE_STEPS, TURN_STEPS, Yielding
 from protocol.scenario import Pose, Scenario, ScenarioRobot
 from world.world import World
 
@@ -29,7 +29,9 @@ def backs_off(
         tracks[each] = np.column_stack([along, still + BESIDE_M[each], still + math.pi / 2, still + speed])
     yielding = Yielding(scene_of(robots), robot)
     for step in range(1, steps):
-        memory = remembered({each: track[: step + 1] for each, track in tracks.items()}, estimation_steps=step + 1)
+        memory = remembered(
+            {each: track[: step + 1] for each, track in tracks.items()}, estimation_steps=step + 1
+        )
         yielding.judge(memory, held_up)
         destination = yielding.destination(memory, GOAL)
         if destination is not GOAL:
