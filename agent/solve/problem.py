@@ -31,7 +31,7 @@ cost."""
 
 @dataclass(frozen=True)
 class JointProblem:
-    """min Σ_i Σ_k (x_k − L)ᵀ Q (x_k − L) over the inputs of M robots, within limits and safety distances.
+    """min Σ_i Σ_k (x_k − L)ᵀ Q_k (x_k − L) over the inputs of M robots, within limits and safety distances.
 
     Distances are kept by an exact L1 penalty: where they can be kept they are, and where they cannot (a
     prediction was wrong by a millimetre) the problem still has a solution.
@@ -87,7 +87,10 @@ class JointProblem:
 
     @cached_property
     def price_per_m(self) -> float:
-        """Of a violated metre of distance, agreed side or area: ``PRICE`` times 2 K q (‖p − L‖ + d)."""
+        """Of a violated metre of distance, agreed side or area: ``PRICE`` times 2 K q (‖p − L‖ + d).
+
+        q is the weight of positions, on average over stages 1 to K.
+        """
         way_m = np.linalg.norm(self.states[:, :2] - self.goals[:, :2], axis=1).max() + self.size_m
         return float(PRICE * 2.0 * self.weights[1:, :2].max(axis=1).sum() * way_m)
 

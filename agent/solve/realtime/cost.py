@@ -14,7 +14,7 @@ LEAST_CURVATURE = 5e-5
 
 @kernel
 def cost_of(states: Array, goals: Array, weights: Array) -> float:
-    """Σ_i Σ_k (x_k − L)ᵀ Q (x_k − L)."""
+    """Σ_i Σ_k (x_k − L)ᵀ Q_k (x_k − L)."""
     total = 0.0
     for robot in range(len(states)):
         for k in range(states.shape[1]):
