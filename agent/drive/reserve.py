@@ -18,7 +18,7 @@ import numpy as np
 
 from agent.remember.memory import Memory
 from agent.solve.compiled import kernel
-from agent.solve.vehicle import Array
+from agent.solve.vehicle import Array, Booleans
 from protocol.messages import Accuracy
 from protocol.scene import Scene
 from protocol.vehicle import Input, Limits, Reachable, braking_input, reachable_inputs
@@ -353,7 +353,7 @@ def which_allowed(
     normal: Array,
     own: Array,
     path: Array,
-    allowed: Array,
+    allowed: Booleans,
 ) -> None:
     """Fill in which inputs, of turn rates and accelerations (n, 2), are allowed, shape (n, n)."""
     for row in range(len(values)):
@@ -363,12 +363,12 @@ def which_allowed(
             allowed[row, column] = _keeps_to(path, normal, own)
 
 
-def largest_rectangle(allowed: Array, row: int, column: int) -> tuple[tuple[int, int], tuple[int, int]]:
+def largest_rectangle(allowed: Booleans, row: int, column: int) -> tuple[tuple[int, int], tuple[int, int]]:
     """The rows and columns, first and last, of the largest all-true rectangle that holds a true cell."""
     best, found = 0, ((row, row), (column, column))
     for first in range(row + 1):
         for last in range(row, len(allowed)):
-            free = allowed[first : last + 1].all(axis=0)
+            free: Booleans = np.logical_and.reduce(allowed[first : last + 1], axis=0)
             if not free[column]:
                 continue
             blocked = np.flatnonzero(~free)

@@ -33,7 +33,7 @@ from agent.solve.prediction import Prediction
 from agent.solve.problem import JointProblem, JointSolver, Solution, Start, within_limits
 from agent.solve.sides import side_of
 from agent.solve.starts import AWAY, POOR, cold_start, comes_to_rest, is_deadlock
-from agent.solve.vehicle import Array
+from agent.solve.vehicle import Array, Booleans
 from agent.solve.yielding import Yielding
 from protocol.scene import Scene
 from protocol.vehicle import Input
@@ -90,9 +90,9 @@ class EarlyPlanner(Planner):
                 return False
         return True
 
-    def _away(self, states: Array, goal: Array) -> Array:
+    def _away(self, states: Array, goal: Array) -> Booleans:
         """Which of the stages (n, 4) are not at the goal, shape (n,)."""
-        away: Array = np.linalg.norm(states - goal, axis=1) > self._scene.arrival_tolerance
+        away: Booleans = np.linalg.norm(states - goal, axis=1) > self._scene.arrival_tolerance
         return away
 
     def _weighted(self, problem: JointProblem, known: Array) -> JointProblem:
@@ -111,8 +111,8 @@ class EarlyPlanner(Planner):
         if self._ends_beside(problem, found):
             for direction in (1.0, -1.0):
                 if not self._deadline.has_passed():
-                    other = self._there_and_back(problem, direction)
-                    found = min(found, other, key=partial(self._rank, problem))
+                    there_and_back = self._there_and_back(problem, direction)
+                    found = min(found, there_and_back, key=partial(self._rank, problem))
         return found
 
     def _starts_of(self, task: Task) -> Iterator[Callable[[], Solution]]:
@@ -194,4 +194,5 @@ def arrival_weights(weights: Array, known: Array, goal: Array, units: Array, sha
     squares = (((known - goal) * units) ** 2).sum(axis=1)
     slopes = 1.0 / (sharp_m**2 + squares) ** 2
     slopes *= weights[1:, :2].max() / slopes[1:].mean()
-    return slopes[:, None] * units**2
+    result: Array = slopes[:, None] * units**2
+    return result
