@@ -96,19 +96,17 @@ class Reserve:
 
     def nearest_allowed(self, memory: Memory, wanted: Input, previous: Input) -> Input:
         """The wanted input, or else the allowed one that is nearest to it; after the previous input."""
-        lines = list(self._lines.values())
-        if not lines:
+        if self._are_allowed(memory, np.array([wanted])).all():
             return wanted
-        normal, own = np.array([each.normal for each in lines]), np.array([each.own for each in lines])
-        state, limits, path = memory.state(self._robot), self._array(self._robot), np.empty(normal.shape[1:])
-        step_s = self._scene.step_s
-        if first_allowed(state, np.array([wanted]), limits, step_s, normal, own, path) == 0:
-            return wanted
-        choices = self._choices(wanted, previous)
-        found = first_allowed(state, choices, limits, step_s, normal, own, path)
-        if found < len(choices):
-            return Input(*choices[found].tolist())
-        return braking_input(self._limits, previous, float(state[3]), step_s)
+        values = self._choices(previous)
+        values = np.concatenate([values, [wanted]])
+        inputs = np.stack(np.meshgrid(values[:, 0], values[:, 1], indexing="ij"), axis=-1).reshape(-1, 2)
+        allowed = inputs[self._are_allowed(memory, inputs)]
+        if not len(allowed):
+            return braking_input(
+                self._limits, previous, float(memory.state(self._robot)[3]), self._scene.step_s
+            )
+        return Input(*allowed[np.argmin(self._away(allowed, wanted, values))].tolist())
 
     def room(self, memory: Memory, wanted: Input, previous: Input) -> Reachable | None:
         """Where a wanted input is not allowed, a range of turn rates and accelerations that are; else None.
@@ -116,34 +114,40 @@ class Reserve:
         Of the ``CHOICES``, the largest rectangle of allowed ones that holds the one nearest to what is
         wanted; braking alone if none of them is allowed.
         """
+        if self._are_allowed(memory, np.array([wanted])).all():
+            return None
+        values = self._choices(previous)
+        inputs = np.stack(np.meshgrid(values[:, 0], values[:, 1], indexing="ij"), axis=-1).reshape(-1, 2)
+        allowed = self._are_allowed(memory, inputs)
+        if not allowed.any():
+            speed_mps = float(memory.state(self._robot)[3])
+            braking = braking_input(self._limits, previous, speed_mps, self._scene.step_s)
+            return Reachable(braking, braking)
+        nearest = int(np.argmin(np.where(allowed, self._away(inputs, wanted, values), np.inf)))
+        rows, columns = largest_rectangle(allowed.reshape(CHOICES, CHOICES), *divmod(nearest, CHOICES))
+        lowest, highest = (
+            (values[row, 0], values[column, 1]) for row, column in zip(rows, columns, strict=True)
+        )
+        return Reachable(Input(*map(float, lowest)), Input(*map(float, highest)))
+
+    def _are_allowed(self, memory: Memory, inputs: Array) -> Booleans:
+        """Which inputs (n, 2) keep to all lines, shape (n,)."""
         lines = list(self._lines.values())
         if not lines:
-            return None
+            return np.ones(len(inputs), np.bool_)
         normal, own = np.array([each.normal for each in lines]), np.array([each.own for each in lines])
-        state, limits, path = memory.state(self._robot), self._array(self._robot), np.empty(normal.shape[1:])
-        step_s = self._scene.step_s
-        if first_allowed(state, np.array([wanted]), limits, step_s, normal, own, path) == 0:
-            return None
-        lowest, highest = map(np.array, reachable_inputs(self._limits, previous, step_s))
-        values = np.linspace(lowest, highest, CHOICES)
-        allowed = np.empty((CHOICES, CHOICES), np.bool_)
-        which_allowed(state, values, limits, step_s, normal, own, path, allowed)
-        if not allowed.any():
-            braking = braking_input(self._limits, previous, float(state[3]), step_s)
-            return Reachable(braking, braking)
-        away = ((values - np.array(wanted)) / (highest - lowest)) ** 2
-        distances = np.where(allowed, away[:, :1] + away[:, 1], np.inf)
-        row, column = np.unravel_index(np.argmin(distances), distances.shape)
-        (one, other), (two, another) = largest_rectangle(allowed, int(row), int(column))
-        return Reachable(Input(values[one, 0], values[two, 1]), Input(values[other, 0], values[another, 1]))
+        state, limits = memory.state(self._robot), self._array(self._robot)
+        return which_allowed(state, inputs, limits, self._scene.step_s, normal, own)
 
-    def _choices(self, wanted: Input, previous: Input) -> Array:
-        """Inputs (n, 2) that can be reached, those nearest to the wanted one first."""
-        lowest, highest = map(np.array, reachable_inputs(self._limits, previous, self._scene.step_s))
-        values = [np.append(np.linspace(lowest[c], highest[c], CHOICES), wanted[c]) for c in range(2)]
-        grid = np.stack(np.meshgrid(*values, indexing="ij"), axis=-1).reshape(-1, 2)
-        away = (((grid - np.array(wanted)) / (highest - lowest)) ** 2).sum(axis=1)
-        return np.ascontiguousarray(grid[np.argsort(away, kind="stable")])
+    def _choices(self, previous: Input) -> Array:
+        """Turn rates and accelerations (CHOICES, 2) that can be reached, from the lowest to the highest."""
+        return np.linspace(*reachable_inputs(self._limits, previous, self._scene.step_s), CHOICES)
+
+    @staticmethod
+    def _away(inputs: Array, wanted: Input, values: Array) -> Array:
+        """How far inputs (n, 2) are from the wanted one, squared, in parts of what can be reached."""
+        away: Array = (((inputs - np.array(wanted)) / np.ptp(values[:CHOICES], axis=0)) ** 2).sum(axis=1)
+        return away
 
     def braking(self, memory: Memory, robot: str, driven: Input, steps: int) -> Array:
         """Positions (T + 1, 2) from the present on, if a robot drives an input some steps and then brakes.
@@ -323,10 +327,10 @@ def _nearest(a: Array, a_on: Array, b: Array, b_on: Array) -> tuple[float, float
 
 
 @kernel
-def first_allowed(
-    state: Array, inputs: Array, limits: Array, step_s: float, normal: Array, own: Array, path: Array
-) -> int:
-    """The first of some inputs (n, 2) whose contingency keeps to the own side of all lines; n if none does.
+def which_allowed(
+    state: Array, inputs: Array, limits: Array, step_s: float, normal: Array, own: Array
+) -> Booleans:
+    """Of which inputs (n, 2) the contingency keeps to the own side of all lines, shape (n,).
 
     Args:
         state: the present one, shape (4,).
@@ -335,32 +339,12 @@ def first_allowed(
         step_s: Δt.
         normal: of the lines of R others, shape (R, T + 1, 2).
         own: as in :class:`Lines`, shape (R, T + 1).
-        path: to work with, shape (T + 1, 2).
     """
+    allowed, path = np.empty(len(inputs), np.bool_), np.empty(normal.shape[1:])
     for index in range(len(inputs)):
         contingency(state, inputs[index], limits, step_s, 1, path)
-        if _keeps_to(path, normal, own):
-            return index
-    return len(inputs)
-
-
-@kernel
-def which_allowed(
-    state: Array,
-    values: Array,
-    limits: Array,
-    step_s: float,
-    normal: Array,
-    own: Array,
-    path: Array,
-    allowed: Booleans,
-) -> None:
-    """Fill in which inputs, of turn rates and accelerations (n, 2), are allowed, shape (n, n)."""
-    for row in range(len(values)):
-        for column in range(len(values)):
-            given = np.array([values[row, 0], values[column, 1]])
-            contingency(state, given, limits, step_s, 1, path)
-            allowed[row, column] = _keeps_to(path, normal, own)
+        allowed[index] = _keeps_to(path, normal, own)
+    return allowed
 
 
 def largest_rectangle(allowed: Booleans, row: int, column: int) -> tuple[tuple[int, int], tuple[int, int]]:

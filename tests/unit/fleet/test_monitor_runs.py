@@ -34,10 +34,9 @@ def test_the_collision_with_a_robot_that_stops_in_the_way_is_prevented_by_the_re
     """Who stops obeys: it brakes along its contingency, with which everybody reckons."""
     driven = stopping_in_the_way()
     assert driven[-1].truth.collisions == ()
-    assert interventions(driven)["1"] >= 1
+    assert interventions(driven)["1"] == 0, "its plans keep to the lines"
     without = stopping_in_the_way(reserve=False)
     assert without[-1].truth.collisions == (("1", "2"),)
-    assert interventions(without)["1"] == 0
 
 
 def test_robots_that_agree_pass_one_another_closely_and_are_hardly_held_back() -> None:
