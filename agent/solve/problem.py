@@ -224,7 +224,8 @@ def within_limits(problem: JointProblem, inputs: Array) -> Array:
     """Inputs brought inside the input and rate limits, stage by stage. Shape (M, K, 2)."""
     bounds, wanted = problem.input_bounds, np.ascontiguousarray(inputs, dtype=float)
     previous = np.clip(problem.previous_inputs, -bounds, bounds)
-    return clip_stages(wanted, previous, bounds, problem.rate_bounds, problem.first_inputs)
+    first = np.ascontiguousarray(problem.first_inputs, dtype=float)
+    return clip_stages(wanted, previous, bounds, problem.rate_bounds, first)
 
 
 @kernel

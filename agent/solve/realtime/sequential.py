@@ -85,9 +85,10 @@ def program_about(data: Data, states: Array, forces: Array, penalty: float) -> P
         for c in range(2):
             lowest, highest = data.first_inputs[robot, 0, c], data.first_inputs[robot, 1, c]
             if math.isfinite(lowest) and math.isfinite(highest):
-                row, least = c * steps, NARROWEST * data.rate_bounds[robot, c]
-                high[robot, row] = max(min(high[robot, row], highest - quantities[row]), least)
-                low[robot, row] = min(max(low[robot, row], lowest - quantities[row]), -least)
+                row, more = c * steps, NARROWEST * data.rate_bounds[robot, c] - 0.5 * (highest - lowest)
+                lowest, highest = lowest - max(more, 0.0), highest + max(more, 0.0)
+                high[robot, row] = max(min(high[robot, row], highest - quantities[row]), 0.0)
+                low[robot, row] = min(max(low[robot, row], lowest - quantities[row]), 0.0)
     return Program(
         2.0 * data.weights[:, :2],
         blocks_of(states, data.goals, data.weights, forces, data.step_s),

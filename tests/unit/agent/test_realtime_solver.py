@@ -51,6 +51,50 @@ def test_recorded_problems_are_solved_as_by_the_reference():
     assert pushed >= 3, "distances are meant to matter"
 
 
+def narrowed(problem: JointProblem, random: np.random.Generator, widths: np.ndarray) -> JointProblem:
+    """With other weights at each stage, and bounds of the first inputs within reach, of these widths.
+
+    Widths (M, 2) are in parts of what is in reach, and infinite where nothing is bounded.
+    """
+    stages = 10.0 ** random.uniform(-1.0, 1.0, (problem.steps + 1, 1))
+    held = np.clip(problem.previous_inputs, -problem.input_bounds, problem.input_bounds)
+    lowest = np.maximum(held - problem.rate_bounds, -problem.input_bounds)
+    highest = np.minimum(held + problem.rate_bounds, problem.input_bounds)
+    reach, share = highest - lowest, random.uniform(size=widths.shape)
+    width = np.where(np.isfinite(widths), widths, 0.0) * reach
+    low = lowest + share * (reach - width)
+    bounds = np.where(np.isfinite(widths), [low, low + width], [-np.inf + low, np.inf + low])
+    return replace(problem, weights=stages * problem.weights, first_inputs=bounds.swapaxes(0, 1))
+
+
+def assert_begins_within_bounds(problem: JointProblem, inputs: np.ndarray) -> None:
+    assert (inputs[:, 0] >= problem.first_inputs[:, 0]).all()
+    assert (inputs[:, 0] <= problem.first_inputs[:, 1]).all()
+
+
+@pytest.mark.parametrize("width", [0.0, 0.1, np.inf])
+def test_weights_of_stages_and_bounds_of_first_inputs_are_taken_as_by_the_reference(width):
+    """Of one robot; where both bounds are the same, there is one first input left."""
+    *_, last = closed_loop(random_crossing(4, 2), 4)
+    free, start = last.problem, replace(last.start, warm=False)
+    widths = np.array([[width, width], *[[np.inf, np.inf]] * 3])
+    problem = narrowed(free, np.random.default_rng(3), widths)
+    found, expected = (solver.solve(problem, start) for solver in SOLVERS.values())
+    assert found.solved
+    assert expected.solved
+    assert found.forces.any(), "distances are meant to matter"
+    assert found.objective == pytest.approx(expected.objective, rel=1e-3)
+    assert found.violation_m < 0.01
+    np.testing.assert_allclose(found.inputs[:, 0], expected.inputs[:, 0], atol=1e-3)
+    np.testing.assert_allclose(found.states[:, :, :2], expected.states[:, :, :2], atol=0.02)
+    assert_begins_within_bounds(problem, found.inputs)
+    unbound = replace(problem, first_inputs=free.first_inputs)
+    even = replace(unbound, weights=free.weights)
+    for other in [unbound, even] if np.isfinite(width) else [even]:
+        away = solve(other, start).states - found.states
+        assert np.abs(away[:, :, :2]).max() > 0.02, "what is new is meant to matter"
+
+
 @pytest.mark.parametrize(("robots", "seed"), [(3, 1), pytest.param(5, 3, marks=pytest.mark.slow)])
 def test_a_closed_loop_costs_what_it_costs_with_the_reference(robots, seed):
     """Two iterations a step against as many as it takes."""
@@ -87,10 +131,13 @@ def test_in_other_units_of_length_and_of_cost_the_solution_is_the_same_to_the_la
     """Powers of two round nothing, so any constant in metres or in cost shows."""
     problem = crossing(3, seed)
     problem = replace(problem, sides=np.where(np.eye(3, 4) > 0.0, 0.0, -1.0))
+    widths = np.array([[0.5, 0.1], [0.0, 0.0], [np.inf, np.inf]])
+    problem = narrowed(problem, np.random.default_rng(seed), widths)
     length, cost = 2.0**length, 2.0**cost
     state = np.array([length, length, 1.0, length])
     longer = {name: length * getattr(problem, name) for name in ("obstacles", "safety_distances", "area")}
     longer |= {name: state * getattr(problem, name) for name in ("states", "goals")}
+    longer |= {"first_inputs": state[2:] * problem.first_inputs}
     weights, limits = cost * problem.weights / state**2, (enlarged(length),) * 3
     scaled = replace(problem, **longer, weights=weights, limits=limits)
     found, expected = (solve(each, replace(cold(each), warm=warm)) for each in (scaled, problem))
@@ -155,8 +202,10 @@ def test_limits_are_kept_exactly_after_any_number_of_iterations(seed, robots, it
         limits=allowed,
         steps=int(random.integers(1, 20)),
     )
+    problem = narrowed(problem, random, random.choice([0.0, 0.3, np.inf], (robots, 1)) * np.ones(2))
     wild = random.normal(scale=3.0, size=(robots, problem.steps, 2))
     solution = solve(problem, replace(cold(problem), inputs=wild, warm=warm), iterations)
+    assert_begins_within_bounds(problem, solution.inputs)
     assert_inputs_within_limits(problem, solution.inputs, rounding=1e-15)
     np.testing.assert_array_equal(solution.states, problem.rollout(solution.inputs))
 
@@ -176,7 +225,8 @@ def test_other_layouts_and_numbers_compile_nothing_and_layouts_change_nothing():
     problem = crossing()
     expected, before = solve(problem), compiled()
     for layout in (np.asfortranarray, strided):
-        other = replace(problem, **{field: layout(getattr(problem, field)) for field in [*FIELDS, "sides"]})
+        arrays = [*FIELDS, "sides", "first_inputs"]
+        other = replace(problem, **{field: layout(getattr(problem, field)) for field in arrays})
         parts = ("inputs", "forces", "limit_multipliers")
         start = replace(cold(problem), **{part: layout(getattr(cold(problem), part)) for part in parts})
         assert_same(solve(other, start), expected)

@@ -57,16 +57,17 @@ def test_nobody_backs_off_who_is_not_held_up_or_not_by_robots_that_stand(how):
     assert backs_off("a", **{"robots": "ab", **how})[0] is None
 
 
-def test_two_that_stand_where_the_other_wants_to_be_get_through():
-    """Each is thought to have arrived, and holds the other up."""
-    places = {"a": (-0.7, 0.0), "b": (0.7, 0.0)}
+@pytest.mark.parametrize("headings", [(0.0, math.pi), (math.pi / 2, -math.pi / 2)])
+def test_two_that_stand_where_the_other_wants_to_be_get_through(headings):
+    """Each is thought to have arrived, and holds the other up: without backing off it is a deadlock."""
+    places = {"a": (-0.695, headings[0]), "b": (0.695, headings[1])}
     robots = [
         ScenarioRobot(
             id=robot,
-            start=Pose(x_m=x, y_m=y, heading_rad=0.4),
-            goal=Pose(x_m=-x + 0.3 * math.copysign(1.0, -x), y_m=-y, heading_rad=0.4),
+            start=Pose(x_m=x, y_m=0.0, heading_rad=heading),
+            goal=Pose(x_m=-x - math.copysign(0.1, x), y_m=0.0, heading_rad=heading),
         )
-        for robot, (x, y) in places.items()
+        for robot, (x, heading) in places.items()
     ]
     scenario = Scenario(name="swap", robots=robots)
     world, scene = World(scenario, seed=0, epoch=0), scenario.scene(with_goals=False)

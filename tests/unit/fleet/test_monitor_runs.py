@@ -31,12 +31,13 @@ def interventions(driven: list[Step]) -> dict[str, int]:
 
 
 def test_the_collision_with_a_robot_that_stops_in_the_way_is_prevented_by_the_reserve() -> None:
-    """Who stops obeys: it brakes along its contingency, with which everybody reckons."""
+    """Who stops obeys: it brakes along its contingency, with which everybody reckons, also in its plans."""
     driven = stopping_in_the_way()
     assert driven[-1].truth.collisions == ()
-    assert interventions(driven)["1"] == 0, "its plans keep to the lines"
+    assert interventions(driven)["1"] == 0, "it plans within the reserve"
     without = stopping_in_the_way(reserve=False)
     assert without[-1].truth.collisions == (("1", "2"),)
+    assert interventions(without)["1"] == 0
 
 
 def test_robots_that_agree_pass_one_another_closely_and_are_hardly_held_back() -> None:
@@ -48,6 +49,19 @@ def test_robots_that_agree_pass_one_another_closely_and_are_hardly_held_back() -
     assert max(interventions(driven).values()) <= 1
     held_back = [robot for step in driven for robot, each in step.decisions.items() if each.mind.degraded]
     assert len(held_back) <= 2 * len(crossing.robots), "for a step or two"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("goals", ["joint-fit", "ioc", "exchanged"])
+def test_nobody_is_held_back_where_eight_that_see_exactly_plan_within_the_reserve(goals: str) -> None:
+    """They meet as closely as they may; without rooms for their plans they would be held back."""
+    driven = list(run(load_scenario(find("8a")), facts(goals=goals)))
+    truth = driven[-1].truth
+    assert truth.verdict == "arrived"
+    assert truth.minimum_distance_m is not None
+    assert truth.minimum_distance_m < 1.45, "they do meet"
+    assert len(interventions(driven)) == 8
+    assert not any(interventions(driven).values())
 
 
 def test_who_gives_no_way_where_its_line_asks_for_it_is_doubted_and_braked_for(
