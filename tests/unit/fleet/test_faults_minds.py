@@ -85,10 +85,12 @@ def test_a_robot_chases_another_one_wherever_that_is(goals: Any) -> None:
 
 
 def test_another_cost_makes_another_way_and_others_are_still_minded() -> None:
-    plain = drive(time_limit_s=2.5)
+    """With the plans of eq. 1; the default method has a cost of its own in them."""
+    plain = drive(time_limit_s=2.5, goals="ioc")
     hasty = drive(
         first("other-cost", start_s=0.0, weights={"x": 50.0, "y": 50.0, "heading": 0.0, "speed": 0.0}),
         time_limit_s=2.5,
+        goals="ioc",
     )
     top_mps = [max(truth.robots["1"].state.speed_mps for truth in truths(run)) for run in (plain, hasty)]
     assert top_mps[1] > 1.05 * top_mps[0]
