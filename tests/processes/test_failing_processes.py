@@ -28,7 +28,7 @@ def straight(path, robots, **rules):
 
 
 def test_a_robot_that_dies_is_named_and_brakes_and_the_others_go_on(tmp_path, bench):
-    run = bench("out", "run", straight(tmp_path / "lanes.yaml", lanes(2, 2.0), time_limit_s=4.0))
+    run = bench("out", "run", straight(tmp_path / "lanes.yaml", lanes(2, 4.0), time_limit_s=4.0))
     run.reach(5)
     children = run.kill("agent", "2")
     assert run.end() == 3
