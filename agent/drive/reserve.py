@@ -98,15 +98,12 @@ class Reserve:
         """The wanted input, or else the allowed one that is nearest to it; after the previous input."""
         if self._are_allowed(memory, np.array([wanted])).all():
             return wanted
-        values = self._choices(previous)
-        values = np.concatenate([values, [wanted]])
-        inputs = np.stack(np.meshgrid(values[:, 0], values[:, 1], indexing="ij"), axis=-1).reshape(-1, 2)
+        choices = self._choices(previous)
+        inputs = _combined(np.concatenate([choices, [wanted]]))
         allowed = inputs[self._are_allowed(memory, inputs)]
         if not len(allowed):
-            return braking_input(
-                self._limits, previous, float(memory.state(self._robot)[3]), self._scene.step_s
-            )
-        return Input(*allowed[np.argmin(self._away(allowed, wanted, values))].tolist())
+            return self._brake(memory, previous)
+        return Input(*allowed[np.argmin(self._away(allowed, wanted, choices))].tolist())
 
     def room(self, memory: Memory, wanted: Input, previous: Input) -> Reachable | None:
         """Where a wanted input is not allowed, a range of turn rates and accelerations that are; else None.
@@ -116,17 +113,16 @@ class Reserve:
         """
         if self._are_allowed(memory, np.array([wanted])).all():
             return None
-        values = self._choices(previous)
-        inputs = np.stack(np.meshgrid(values[:, 0], values[:, 1], indexing="ij"), axis=-1).reshape(-1, 2)
+        choices = self._choices(previous)
+        inputs = _combined(choices)
         allowed = self._are_allowed(memory, inputs)
         if not allowed.any():
-            speed_mps = float(memory.state(self._robot)[3])
-            braking = braking_input(self._limits, previous, speed_mps, self._scene.step_s)
+            braking = self._brake(memory, previous)
             return Reachable(braking, braking)
-        nearest = int(np.argmin(np.where(allowed, self._away(inputs, wanted, values), np.inf)))
+        nearest = int(np.argmin(np.where(allowed, self._away(inputs, wanted, choices), np.inf)))
         rows, columns = largest_rectangle(allowed.reshape(CHOICES, CHOICES), *divmod(nearest, CHOICES))
         lowest, highest = (
-            (values[row, 0], values[column, 1]) for row, column in zip(rows, columns, strict=True)
+            (choices[row, 0], choices[column, 1]) for row, column in zip(rows, columns, strict=True)
         )
         return Reachable(Input(*map(float, lowest)), Input(*map(float, highest)))
 
@@ -139,14 +135,19 @@ class Reserve:
         state, limits = memory.state(self._robot), self._array(self._robot)
         return which_allowed(state, inputs, limits, self._scene.step_s, normal, own)
 
+    def _brake(self, memory: Memory, previous: Input) -> Input:
+        """What always is allowed."""
+        speed_mps = float(memory.state(self._robot)[3])
+        return braking_input(self._limits, previous, speed_mps, self._scene.step_s)
+
     def _choices(self, previous: Input) -> Array:
         """Turn rates and accelerations (CHOICES, 2) that can be reached, from the lowest to the highest."""
         return np.linspace(*reachable_inputs(self._limits, previous, self._scene.step_s), CHOICES)
 
     @staticmethod
-    def _away(inputs: Array, wanted: Input, values: Array) -> Array:
+    def _away(inputs: Array, wanted: Input, choices: Array) -> Array:
         """How far inputs (n, 2) are from the wanted one, squared, in parts of what can be reached."""
-        away: Array = (((inputs - np.array(wanted)) / np.ptp(values[:CHOICES], axis=0)) ** 2).sum(axis=1)
+        away: Array = (((inputs - np.array(wanted)) / np.ptp(choices, axis=0)) ** 2).sum(axis=1)
         return away
 
     def braking(self, memory: Memory, robot: str, driven: Input, steps: int) -> Array:
@@ -345,6 +346,11 @@ def which_allowed(
         contingency(state, inputs[index], limits, step_s, 1, path)
         allowed[index] = _keeps_to(path, normal, own)
     return allowed
+
+
+def _combined(values: Array) -> Array:
+    """Each turn rate with each acceleration of values (n, 2), shape (n², 2)."""
+    return np.stack(np.meshgrid(values[:, 0], values[:, 1], indexing="ij"), axis=-1).reshape(-1, 2)
 
 
 def largest_rectangle(allowed: Booleans, row: int, column: int) -> tuple[tuple[int, int], tuple[int, int]]:

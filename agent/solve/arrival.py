@@ -32,7 +32,7 @@ from agent.solve.planning import Plan, Planner, Room, Task
 from agent.solve.prediction import Prediction
 from agent.solve.problem import JointProblem, JointSolver, Solution, Start, within_limits
 from agent.solve.sides import side_of
-from agent.solve.starts import AWAY, POOR, cold_start, comes_to_rest, is_deadlock
+from agent.solve.starts import AWAY, POOR, cold_start, comes_to_rest, is_poor
 from agent.solve.vehicle import Array, Booleans
 from agent.solve.yielding import Yielding
 from protocol.scene import Scene
@@ -51,12 +51,6 @@ class EarlyPlanner(Planner):
     than the self-prediction, from the latter. A plan that comes too close or ends before somebody for good is
     compared with other starts: from the self-prediction, and as if the robot were alone. Where it ends beside
     the goal, there and back again. Where robots that stand hold this one up, it backs off in its turn.
-
-    Args:
-        scene: what everybody may know.
-        robot: the ego.
-        solver: of trajectory problems.
-        deadline: after it nothing is improved.
     """
 
     def __init__(self, scene: Scene, robot: str, solver: JointSolver, deadline: Deadline) -> None:
@@ -105,7 +99,7 @@ class EarlyPlanner(Planner):
         first, *others = self._starts_of(task)
         found = first()
         for other in others:
-            if self._is_good(problem, found) or self._deadline.has_passed():
+            if not is_poor(problem, found) or self._deadline.has_passed():
                 break
             found = min(found, other(), key=partial(self._rank, problem))
         if self._ends_beside(problem, found):
@@ -157,10 +151,6 @@ class EarlyPlanner(Planner):
         smooth = stages_away(states, goal, units_of(problem), self._sharp_m) / (problem.steps + 1)
         return not solution.solved, excess > POOR, count + smooth
 
-    def _is_good(self, problem: JointProblem, solution: Solution) -> bool:
-        is_clear = solution.violation_m <= POOR * problem.size_m
-        return solution.solved and is_clear and not is_deadlock(problem, solution)
-
     def _ends_beside(self, problem: JointProblem, solution: Solution) -> bool:
         """Whether the robot comes to rest near its goal, but not there."""
         states, goal = solution.states[0], problem.goals[0]
@@ -174,9 +164,15 @@ def units_of(problem: JointProblem) -> Array:
     return np.array([1.0, 1.0, problem.size_m, problem.step_s])
 
 
+def _squares(states: Array, goal: Array, units: Array) -> Array:
+    """e² of stages (n, 4), shape (n,)."""
+    squares: Array = (((states - goal) * units) ** 2).sum(axis=1)
+    return squares
+
+
 def stages_away(states: Array, goal: Array, units: Array, sharp_m: float) -> float:
     """How many of the stages (n, 4) are not at the goal (4,), each counted from 0 to 1; ``sharp_m`` is s."""
-    squares = (((states - goal) * units) ** 2).sum(axis=1)
+    squares = _squares(states, goal, units)
     return float((squares / (sharp_m**2 + squares)).sum())
 
 
@@ -191,7 +187,7 @@ def arrival_weights(weights: Array, known: Array, goal: Array, units: Array, sha
         units: see :func:`units_of`.
         sharp_m: s.
     """
-    squares = (((known - goal) * units) ** 2).sum(axis=1)
+    squares = _squares(known, goal, units)
     slopes = 1.0 / (sharp_m**2 + squares) ** 2
     slopes *= weights[1:, :2].max() / slopes[1:].mean()
     result: Array = slopes[:, None] * units**2

@@ -40,15 +40,19 @@ def solve_well(
 ) -> Solution:
     """Solve from a start and, where what comes of it is poor and time is left, from another one.
 
-    Poor is what is not solved, what violates a distance or passes on a side that was not agreed on, and what
-    ends in a deadlock. The better one is taken: solved beats unsolved, going on beats a deadlock, then the
-    lower cost with the price of violations counts.
+    The better one is taken: solved beats unsolved, going on beats a deadlock, then the lower cost with the
+    price of violations counts.
     """
     found = solver.solve(problem, start)
-    poor = not found.solved or found.violation_m > POOR * problem.size_m or is_deadlock(problem, found)
-    if not poor or deadline.has_passed():
+    if not is_poor(problem, found) or deadline.has_passed():
         return found
     return min(found, solver.solve(problem, other_start()), key=partial(rank, problem))
+
+
+def is_poor(problem: JointProblem, solution: Solution) -> bool:
+    """Whether it is not solved, violates a distance or an agreed side, or ends in a deadlock."""
+    is_too_close = solution.violation_m > POOR * problem.size_m
+    return not solution.solved or is_too_close or is_deadlock(problem, solution)
 
 
 def rank(problem: JointProblem, solution: Solution, handicap: float = 0.0) -> tuple[bool, bool, float]:
